@@ -1,0 +1,1 @@
+"""Learns the noise of one trajectory from its own anchors and revisits."""

@@ -1,0 +1,1 @@
+"""Holds out, repeats, tabulates, draws, places anchors."""

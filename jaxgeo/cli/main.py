@@ -1,0 +1,114 @@
+"""`jaxgeo`: the commands, and what an error looks like to a user.
+
+Commands import what they need when they run: `jaxgeo --help` should not wait for JAX.
+"""
+
+import sys
+import traceback
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from jaxgeo.errors import JaxgeoError
+
+INTERNAL_ERROR = 1
+BAD_INPUT = 2
+INTERRUPTED = 130
+
+app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False)
+
+
+@app.callback()
+def _root(debug: Annotated[bool, typer.Option("--debug", help="Show tracebacks.")] = False) -> None:
+    """Georeference a drifting trajectory with a few surveyed markers.
+
+    Exit codes: 0 done; 2 bad input or config; 3 the estimate did not converge or is not determined.
+    """
+
+
+@app.command()
+def run(
+    config: Annotated[Path, typer.Argument(help="The session's config (YAML).")],
+    out: Annotated[Path | None, typer.Option(help="Folder for the outputs; default out/NAME.")] = None,
+    set_: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="KEY=VALUE", help="Replace one value of the config: coarse.scale=false"),
+    ] = None,
+    dump_config: Annotated[
+        bool, typer.Option("--dump-config", help="Print the whole config, defaults written out, and stop.")
+    ] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Print errors only.")] = False,
+) -> None:
+    """Georeference the trajectories of one session."""
+    from jaxgeo.cli.run import print_config, run_config
+
+    if dump_config:
+        print_config(config, set_ or [])
+    else:
+        run_config(config, out, set_ or [], quiet)
+
+
+@app.command()
+def simulate(
+    out: Annotated[Path, typer.Option(help="Folder for the session's files.")],
+    seed: Annotated[int, typer.Option(min=0, help="Seed of all random numbers.")] = 0,
+) -> None:
+    """Write a simulated session with known truth: its files, and the config that runs on them."""
+    from jaxgeo.simulate import simulate_session, write_session_files
+
+    typer.echo(write_session_files(simulate_session(seed), out))
+
+
+@app.command()
+def demo(
+    out: Annotated[
+        Path, typer.Option(help="Folder for the outputs; the simulated inputs go to its folder 'session'.")
+    ] = Path("out/demo"),
+    seed: Annotated[int, typer.Option(min=0, help="Seed of all random numbers.")] = 0,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Print errors only.")] = False,
+) -> None:
+    """Simulate a session, then georeference it."""
+    from jaxgeo.cli.run import run_config
+    from jaxgeo.simulate import simulate_session, write_session_files
+
+    run_config(write_session_files(simulate_session(seed), out / "session"), out, [], quiet)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command line and return its exit code; errors are one message on stderr."""
+    command = typer.main.get_command(app)
+    debug = False
+    try:
+        with command.make_context("jaxgeo", list(sys.argv[1:] if arguments is None else arguments)) as context:
+            debug = context.params["debug"]
+            command.invoke(context)
+    except typer.Exit as stop:
+        return stop.exit_code
+    except typer.TyperException as error:
+        return _fail(f"{error.format_message()}\nTry 'jaxgeo --help'.", BAD_INPUT)
+    except (KeyboardInterrupt, typer.Abort):
+        return _fail("interrupted", INTERRUPTED)
+    except JaxgeoError as error:
+        return _fail(str(error), error.exit_code, debug)
+    except OSError as error:
+        place = f"{error.filename}: " if error.filename else ""
+        return _fail(f"{place}{error.strerror or error}", BAD_INPUT, debug)
+    except Exception as error:
+        what = f"{type(error).__name__}: {error}"
+        return _fail(
+            f"{what}\nThis is a fault of jaxgeo. Please report it, with what --debug shows.", INTERNAL_ERROR, debug
+        )
+    return 0
+
+
+def _fail(message: str, code: int, debug: bool = False) -> int:
+    if debug:
+        traceback.print_exc()
+    print(f"error: {message}", file=sys.stderr)
+    return code
+
+
+if __name__ == "__main__":
+    sys.exit(main())

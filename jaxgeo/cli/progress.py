@@ -1,0 +1,52 @@
+"""What the terminal shows while a session runs: one line a phase, with its time."""
+
+import sys
+import time
+from types import TracebackType
+
+from rich.console import Console
+from rich.status import Status
+
+
+class Progress:
+    """Phases one after another, on stderr: a spinner on a terminal, plain lines elsewhere, nothing when quiet.
+
+    Phases of a run, in order: read, and for each trajectory anchors, coarse, correct, hold out; then write.
+    """
+
+    def __init__(self, quiet: bool = False) -> None:
+        self._console = Console(file=sys.stderr, quiet=quiet, highlight=False, soft_wrap=True)
+        self._status: Status | None = None
+        self._running = ""
+        self._start_s = 0.0
+
+    def phase(self, name: str, detail: str = "") -> None:
+        """End the phase that runs, and begin this one; `detail` says on what (a trajectory, a file)."""
+        self._end()
+        self._running = f"{name} {detail}".strip()
+        self._start_s = time.perf_counter()
+        if self._console.is_terminal:
+            self._status = self._console.status(self._running)
+            self._status.start()
+
+    def __enter__(self) -> "Progress":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if kind is None:
+            self._end()
+        else:
+            self._stop_spinner()
+
+    def _end(self) -> None:
+        self._stop_spinner()
+        if self._running:
+            self._console.print(f"{self._running:<32} {time.perf_counter() - self._start_s:6.2f} s", markup=False)
+            self._running = ""
+
+    def _stop_spinner(self) -> None:
+        if self._status is not None:
+            self._status.stop()
+            self._status = None

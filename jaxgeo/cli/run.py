@@ -1,0 +1,42 @@
+"""`jaxgeo run`: one config in, one folder of results out."""
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from jaxgeo.cli.progress import Progress
+from jaxgeo.config import dump_config, load_config
+from jaxgeo.errors import InputError
+
+
+def print_config(path: Path, overrides: Sequence[str]) -> None:
+    """Print the resolved config."""
+    sys.stdout.write(dump_config(load_config(path, overrides)))
+
+
+def run_config(path: Path, out: Path | None, overrides: Sequence[str], quiet: bool) -> None:
+    """Georeference one session and write its outputs.
+
+    Raises:
+        JaxgeoError: bad input, or an estimate that is not to be had; nothing is written then.
+    """
+    config = load_config(path, overrides)
+    out = Path("out") / config.name if out is None else out
+    if out.exists() and not out.is_dir():
+        raise InputError(f"--out {out}: a file of that name exists; expected a folder, new or old")
+
+    from jaxgeo.cli.session import run_session
+    from jaxgeo.export import write_session
+    from jaxgeo.precision import enable_compilation_cache
+
+    enable_compilation_cache()
+    with Progress(quiet) as progress:
+        result = run_session(config, progress)
+        progress.phase("write", str(out))
+        write_session(result, out)
+    if not quiet:
+        label = " (simulated data)" if result.simulated else ""
+        for name, trajectory in result.trajectories.items():
+            for warning in trajectory.warnings:
+                print(f"warning: {name}: {warning}", file=sys.stderr)
+        print(f"{config.name}{label}: {out / 'report.html'}")

@@ -1,0 +1,104 @@
+"""A config file to a checked `SessionConfig`, and back to text."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+from pydantic_core import ErrorDetails
+
+from jaxgeo.config.schema import SessionConfig
+from jaxgeo.errors import ConfigError
+from jaxgeo.io.yaml_text import dump_yaml, parse_yaml
+
+_SIGHTING_KINDS = ("corners", "poses", "control_points", "from_trajectory")
+
+
+def load_config(path: Path | str, overrides: Sequence[str] = ()) -> SessionConfig:
+    """Read, override and check a session's config.
+
+    Args:
+        path: a YAML file. Relative paths in it are relative to its folder; `${JAXGEO_DATA}` is expanded.
+        overrides: `key.sub=value`, the value in YAML, as given to `--set`.
+
+    Raises:
+        ConfigError: naming file, dotted key, value and expectation.
+    """
+    path = Path(path)
+    try:
+        text = path.read_bytes().decode("utf-8-sig")
+        data = parse_yaml(text)
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot read the config: {error.strerror or error}") from None
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"{path}: byte {error.start} is not UTF-8 text; expected a YAML file") from None
+    except ValueError as error:
+        raise ConfigError(f"{path}: {error}") from None
+    if not isinstance(data, dict):
+        found = "nothing" if data is None else type(data).__name__
+        raise ConfigError(
+            f"{path}: holds {found}; expected a mapping with the keys name, crs, survey, sightings, trajectories"
+        )
+    for override in overrides:
+        _set(data, override)
+    try:
+        return SessionConfig.model_validate(data, context={"folder": path.parent.absolute()})
+    except ValidationError as error:
+        raise ConfigError(f"{path}: {_message(error)}") from None
+
+
+def dump_config(config: SessionConfig) -> str:
+    """The whole config as YAML, defaults written out and paths resolved; it loads back to the same config."""
+    return dump_yaml(config.model_dump(mode="json"))
+
+
+def _set(data: dict[str, Any], override: str) -> None:
+    """Set one `key.sub=value` in place."""
+    place = f"--set {override}"
+    dotted, equals, text = override.partition("=")
+    keys = dotted.split(".")
+    if not equals or not all(keys):
+        raise ConfigError(f"{place}: expected key=value or key.sub=value")
+    try:
+        value = parse_yaml(text)
+    except ValueError as error:
+        raise ConfigError(f"{place}: the value is not YAML: {error}") from None
+    for depth, key in enumerate(keys[:-1]):
+        data = data.setdefault(key, {})
+        if not isinstance(data, dict):
+            parent = ".".join(keys[: depth + 1])
+            raise ConfigError(f"{place}: {parent} is {data!r}, which has no keys; set {parent} as a whole")
+    data[keys[-1]] = value
+
+
+def _message(error: ValidationError) -> str:
+    """The first thing wrong, and how many more there are."""
+    first, *more = error.errors(include_url=False)
+    message = _describe(first)
+    return message + (f" (and {len(more)} more)" if more else "")
+
+
+def _describe(detail: ErrorDetails) -> str:
+    place = ".".join(str(part) for part in _location(detail["loc"]))
+    value, kind = detail["input"], detail["type"]
+    if kind == "union_tag_not_found":
+        return f"{place}: missing key 'kind': expected one of {', '.join(_SIGHTING_KINDS)}"
+    if kind == "union_tag_invalid":
+        return f"{place}.kind: found {value['kind']!r}; expected one of {', '.join(_SIGHTING_KINDS)}"
+    if kind in ("model_type", "model_attributes_type", "dict_type"):
+        return f"{place}: found {_shown(value)}; expected a mapping (key: value)"
+    text = detail["msg"].removeprefix("Value error, ").replace("Input should", "it should")
+    # A section's own message names the keys concerned: its whole content would only hide it.
+    shown = "" if isinstance(value, dict) else f"found {_shown(value)}; "
+    return f"{place}: {shown}{text}" if place else f"{shown}{text}"
+
+
+def _location(loc: tuple[int | str, ...]) -> list[int | str]:
+    """Without what pydantic adds: the tag of the sightings' kind, and the mark of a mapping's key."""
+    tagged = len(loc) > 1 and loc[0] == "sightings" and loc[1] in _SIGHTING_KINDS
+    return [part for i, part in enumerate(loc) if part != "[key]" and not (tagged and i == 1)]
+
+
+def _shown(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 80 else text[:77] + "..."

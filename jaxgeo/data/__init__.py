@@ -1,0 +1,10 @@
+"""What flows through: trajectories, sightings, visits, surveys, anchors, rigs."""
+
+from jaxgeo.data.anchor import Anchors
+from jaxgeo.data.rig import Camera, Rig
+from jaxgeo.data.sighting import CornerSightings, Sightings
+from jaxgeo.data.survey import Survey
+from jaxgeo.data.trajectory import Trajectory
+from jaxgeo.data.visit import Visit
+
+__all__ = ["Anchors", "Camera", "CornerSightings", "Rig", "Sightings", "Survey", "Trajectory", "Visit"]

@@ -1,0 +1,186 @@
+"""The tables of the report."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from jaxgeo.export.held_out_stats import STAGES, HeldOutStats, final_stage, stats_by_stage
+from jaxgeo.export.metrics import pooled_repeatability_m
+from jaxgeo.export.number_words import MISSING, LengthColumn, decimal, length_words, number_text, percent
+from jaxgeo.export.report_page import table
+from jaxgeo.export.result import SessionResult, TrajectoryResult
+
+STAGE_NAME = {"coarse": "one-time similarity", "fixed": "fixed noise", "learned": "learned noise"}
+
+
+def comparison_table(result: SessionResult) -> str:
+    """All trajectories of the session, one row each."""
+    rows = []
+    for name, t in result.trajectories.items():
+        stats = stats_by_stage(t)
+        means = [length_words(stats[s].mean_m) if s in stats else MISSING for s in STAGES]
+        revisit = [worst_gap(t, stage) for stage in ("coarse_m", "refined_m")]
+        final = stats.get(final_stage(t))
+        inside = percent(final.coverage_95) if final else MISSING
+        rows.append(
+            [
+                name,
+                f"{len(t.corrected)}",
+                f"{len(t.anchors)}",
+                *means,
+                *revisit,
+                inside,
+                str(t.solver.get("result", MISSING)),
+            ]
+        )
+    columns = [
+        "Trajectory",
+        "Poses",
+        "Visits",
+        *(STAGE_NAME[s] for s in STAGES),
+        "before",
+        "after",
+        "in 95 %",
+        "Solver",
+    ]
+    groups = [("", 3), ("Mean held-out error", 3), ("Largest revisit gap", 2), ("", 2)]
+    return table("All trajectories of this session", columns, rows, groups=groups, text_columns=(0, 9))
+
+
+def worst_gap(trajectory: TrajectoryResult, key: str) -> str:
+    gaps = [r[key] for r in trajectory.revisit.values()]
+    return length_words(float(np.max(gaps))) if gaps else MISSING
+
+
+def residual_table(trajectory: TrajectoryResult) -> str:
+    """Every visit: residuals per axis with all anchors in, and its held-out error beside what was predicted for it."""
+    anchors, stage = trajectory.anchors, final_stage(trajectory)
+    held_out, stats = trajectory.held_out.get(stage), stats_by_stage(trajectory).get(stage)
+    nothing = np.full((len(anchors), 3), np.nan)
+    error = held_out.error_enh_m if held_out else nothing
+    sigma = np.sqrt(np.diagonal(held_out.covariance_m2, axis1=1, axis2=2)) if held_out else nothing
+    nees = stats.nees if stats else nothing[:, 0]
+    parts = [with_norm(x) for x in (trajectory.residual_coarse_m, trajectory.residual_refined_m, error)]
+    value = np.hstack([*parts, sigma])
+    show = LengthColumn(value)
+    spread = LengthColumn(anchors.repeatability_m)
+    rows = [
+        [
+            anchors.label[j],
+            f"{anchors.count[j]}",
+            spread(anchors.repeatability_m[j]),
+            *map(show, value[j]),
+            decimal(nees[j], 1),
+        ]
+        for j in range(len(anchors))
+    ]
+    pooled = pooled_repeatability_m(anchors.repeatability_m, anchors.count)
+    footer = ["RMS", "", spread(pooled), *map(show, column_rms(value)), ""]
+    columns = ["Visit", "n", f"spread {spread.unit}", *("E", "N", "h", "3-D") * 3, "E", "N", "h", "NEES"]
+    groups = [
+        ("Sightings", 3),
+        ("One-time similarity", 4),
+        ("Corrected, all anchors in", 4),
+        ("Corrected, held out", 4),
+    ]
+    return table(
+        f"Predicted minus surveyed marker position in {show.unit}, along easting, northing, height and in space",
+        columns,
+        rows,
+        groups=[*groups, ("1 sigma predicted", 3), ("", 1)],
+        footer=[footer],
+    )
+
+
+def leave_one_out_table(trajectory: TrajectoryResult) -> str:
+    """Held-out error by location and stage, with the solver's word on every fold."""
+    stats = stats_by_stage(trajectory)
+    location = trajectory.anchors.location
+    show = LengthColumn(*(np.array(list(s.per_location_m.values())) for s in stats.values()))
+    results = {s: dict(zip(location, trajectory.held_out[s].result, strict=True)) for s in stats}
+    rows = [
+        [
+            name,
+            f"{location.count(name)}",
+            *(show(s.per_location_m[name]) for s in stats.values()),
+            *(results[s][name] for s in stats if s != "coarse"),
+        ]
+        for name in dict.fromkeys(location)
+    ]
+    summary = {
+        "Mean over visits": [s.mean_m for s in stats.values()],
+        "RMS over visits": [s.rms_m for s in stats.values()],
+        "Mean over locations": [s.mean_over_locations_m for s in stats.values()],
+    }
+    codes = [f"result, {STAGE_NAME[s]}" for s in stats if s != "coarse"]
+    footer = [[title, "", *map(show, values), *("" for _ in codes)] for title, values in summary.items()]
+    n = len(stats)
+    return table(
+        f"Leave one location out: mean error of its visits in {show.unit}",
+        ["Location held out", "Visits", *(STAGE_NAME[s] for s in stats), *codes],
+        rows,
+        footer=footer,
+        text_columns=(0, *range(2 + n, 2 + n + len(codes))),
+    )
+
+
+def revisit_table(trajectory: TrajectoryResult) -> str:
+    """Distance between visits to one location."""
+    show = LengthColumn(*(np.array(list(r.values()), dtype=float) for r in trajectory.revisit.values()))
+    rows = [[name, show(r["coarse_m"]), show(r["refined_m"])] for name, r in trajectory.revisit.items()]
+    caption = f"Largest distance between the marker positions that two visits to one location predict, in {show.unit}"
+    return table(caption, ["Location", STAGE_NAME["coarse"], "corrected"], rows)
+
+
+def calibration_table(stats: dict[str, HeldOutStats]) -> str:
+    """Are the predicted ellipsoids as large as the errors ask for?"""
+    rows = [
+        [
+            STAGE_NAME[name],
+            f"{s.n_covariance}",
+            inside(s.coverage_50, s.n_covariance),
+            inside(s.coverage_95, s.n_covariance),
+            decimal(s.nees_mean, 2),
+            f"{decimal(s.nees_band[0], 2)} … {decimal(s.nees_band[1], 2)}",
+        ]
+        for name, s in stats.items()
+        if s.n_covariance
+    ]
+    columns = ["Stage", "Held-out visits", "inside 50 % ellipsoid", "inside 95 % ellipsoid", "mean NEES", "expected"]
+    return table("Held-out errors against their predicted covariance", columns, rows)
+
+
+def reference_table(trajectory: TrajectoryResult) -> str:
+    """Absolute trajectory error against the reference trajectory."""
+    reference = {s: trajectory.reference[s] for s in STAGES if s in trajectory.reference}
+    show = LengthColumn(*(np.array([r.ate_rmse_m, r.ate_median_m]) for r in reference.values()))
+    rows = [[STAGE_NAME[s], show(r.ate_rmse_m), show(r.ate_median_m), f"{r.n_poses}"] for s, r in reference.items()]
+    caption = f"Distance from the reference trajectory after one rigid alignment, in {show.unit}"
+    return table(caption, ["Stage", "RMS", "median", "poses compared"], rows)
+
+
+def flat_pairs(value: Any, path: str = "") -> Iterator[tuple[str, str]]:
+    """(dotted name, text) of every leaf of a nested dict."""
+    if isinstance(value, dict):
+        for key, inner in value.items():
+            yield from flat_pairs(inner, f"{path}.{key}" if path else str(key))
+    else:
+        yield path, number_text(value)
+
+
+def inside(share: float, n: int) -> str:
+    return f"{round(share * n)} of {n} ({percent(share)})"
+
+
+def with_norm(error_m: np.ndarray) -> np.ndarray:
+    """(k, 4): the axes and the length."""
+    return np.column_stack([error_m, np.linalg.norm(error_m, axis=1)])
+
+
+def column_rms(value: np.ndarray) -> np.ndarray:
+    """RMS of every column over its finite values."""
+    known = np.isfinite(value)
+    count = known.sum(axis=0)
+    square = np.where(known, value, 0.0) ** 2
+    return np.sqrt(np.divide(square.sum(axis=0), count, out=np.full(value.shape[1], np.nan), where=count > 0))

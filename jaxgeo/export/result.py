@@ -1,0 +1,111 @@
+"""What one run found, as plain data: the only thing that the writers, the tables and the report read."""
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from jaxgeo.data import Anchors, Trajectory
+
+
+@dataclasses.dataclass(frozen=True)
+class CoarseFit:
+    """The one-time similarity map -> local grid frame: `x_grid = scale R x_map + t`."""
+
+    scale: float
+    rotation: Float[np.ndarray, "3 3"]
+    translation_m: Float[np.ndarray, "3"]
+    rms_m: float
+
+
+@dataclasses.dataclass(frozen=True)
+class HeldOut:
+    """Leave-one-location-out errors of one stage (`coarse`, `fixed` or `learned`).
+
+    Attributes:
+        error_enh_m: (k, 3) predicted minus surveyed marker position of every visit in the fold that held its location
+            out; NaN where the fold failed or does not exist.
+        covariance_m2: (k, 3, 3) predicted covariance of that error, survey and sighting included; NaN for `coarse`.
+        result: (k) the solver's result code of that fold, in words.
+    """
+
+    error_enh_m: Float[np.ndarray, "k 3"]
+    covariance_m2: Float[np.ndarray, "k 3 3"]
+    result: tuple[str, ...]
+
+
+@dataclasses.dataclass(frozen=True)
+class ReferenceError:
+    """Absolute trajectory error of one stage against a reference trajectory, after one rigid alignment."""
+
+    ate_rmse_m: float
+    ate_median_m: float
+    n_poses: int
+    error_m: Float[np.ndarray, "m"]
+    stamp_s: Float[np.ndarray, "m"]
+
+
+@dataclasses.dataclass(frozen=True)
+class TrajectoryResult:
+    """One trajectory, corrected.
+
+    Attributes:
+        name: its name in the config.
+        measured: as read, in its own map frame.
+        coarse: the one-time similarity, and `coarse_trajectory` the poses after it, local grid frame.
+        corrected: poses after the pose graph, local grid frame (E, N, h minus the origin).
+        covariance: (n, 6, 6) of `corrected`, grid axes: position error added, rotation error multiplied on the left.
+        anchors: the visits used.
+        residual_coarse_m, residual_refined_m: (k, 3) predicted minus surveyed, all anchors in.
+        held_out: by stage.
+        revisit: by location with two or more visits: {"coarse_m": .., "refined_m": ..}, the largest distance between
+            two visits' predicted positions, the location's own coordinates unused in the refined figure.
+        reference: by stage, empty where no reference was given.
+        noise: noise values used, by stage, as written to noise.json.
+        log_scale: estimated log-scale of the odometry and its standard deviation (0, 0 where it is not estimated).
+        solver: {"result": str, "steps": int, "cost": float}.
+        timing_s: seconds by phase.
+        warnings: sentences for the user.
+    """
+
+    name: str
+    measured: Trajectory
+    coarse: CoarseFit
+    coarse_trajectory: Trajectory
+    corrected: Trajectory
+    covariance: Float[np.ndarray, "n 6 6"]
+    anchors: Anchors
+    residual_coarse_m: Float[np.ndarray, "k 3"]
+    residual_refined_m: Float[np.ndarray, "k 3"]
+    held_out: dict[str, HeldOut]
+    revisit: dict[str, dict[str, float]]
+    reference: dict[str, ReferenceError]
+    noise: dict[str, Any]
+    log_scale: tuple[float, float]
+    solver: dict[str, Any]
+    timing_s: dict[str, float]
+    warnings: tuple[str, ...] = ()
+
+
+@dataclasses.dataclass(frozen=True)
+class SessionResult:
+    """One session: every trajectory of one config.
+
+    Attributes:
+        name: the session's name.
+        frame: the `jaxgeo.georef.LocalFrame` of all coordinates.
+        survey_enh_m: {location: (3,)} local frame, of every surveyed point that the session used or could use.
+        trajectories: by name.
+        config: the resolved config, JSON-ready.
+        run: versions, input hashes, seeds, timings, JSON-ready.
+        simulated: True where the data were simulated: every output says so.
+    """
+
+    name: str
+    frame: Any
+    survey_enh_m: dict[str, Float[np.ndarray, "3"]]
+    trajectories: dict[str, TrajectoryResult]
+    config: dict[str, Any]
+    run: dict[str, Any]
+    simulated: bool = False

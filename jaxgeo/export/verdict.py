@@ -1,0 +1,112 @@
+"""The verdict on one trajectory, in words: was it worth it, can its uncertainty be believed, what to beware of."""
+
+import dataclasses
+import math
+
+import numpy as np
+
+from jaxgeo.export.held_out_stats import MIN_CHECK_POINTS, HeldOutStats, final_stage, stats_by_stage
+from jaxgeo.export.number_words import length_words
+from jaxgeo.export.result import TrajectoryResult
+
+
+@dataclasses.dataclass(frozen=True)
+class Verdict:
+    """`level` is `good`, `caution` or `bad`; the sentences are plain text."""
+
+    level: str
+    sentences: tuple[str, ...]
+
+
+def verdict(trajectory: TrajectoryResult) -> Verdict:
+    """Judge by the held-out errors only: what the anchors are fitted to proves nothing."""
+    stage = final_stage(trajectory)
+    stats = stats_by_stage(trajectory)
+    if stage not in stats or not math.isfinite(stats[stage].mean_m):
+        sentence = "There is no held-out error: nothing in this report says how good the corrected trajectory is."
+        return Verdict("bad", (sentence, *revisit_sentences(trajectory)))
+    level, sentences = gain(stats, stage)
+    for judge in (consistency, failures, few_points):
+        worse, more = judge(stats[stage])
+        level = worst(level, worse)
+        sentences += more
+    return Verdict(level, (*sentences, *revisit_sentences(trajectory)))
+
+
+def gain(stats: dict[str, HeldOutStats], stage: str) -> tuple[str, tuple[str, ...]]:
+    """Corrected against the one-time similarity, both held out."""
+    refined = stats[stage]
+    found = (
+        f"With its location left out of everything, a marker is predicted {length_words(refined.mean_m)} from its "
+        f"surveyed position on average (RMS {length_words(refined.rms_m)}, {refined.n_locations} locations)"
+    )
+    coarse = stats.get("coarse")
+    if coarse is None or not math.isfinite(coarse.mean_m):
+        return "caution", (found + ".",)
+    against = f"{found}; the one-time similarity alone gives {length_words(coarse.mean_m)}."
+    ratio = refined.mean_m / coarse.mean_m
+    if ratio < 0.95:
+        return "good", (f"{against} The correction takes off {100 * (1 - ratio):.0f} % of the error.",)
+    if ratio <= 1.05:
+        return "caution", (f"{against} The correction makes no difference that matters.",)
+    return "bad", (f"{against} The correction makes it worse: do not use this trajectory as it is.",)
+
+
+def consistency(stats: HeldOutStats) -> tuple[str, tuple[str, ...]]:
+    """Are the errors as large as was predicted?"""
+    if stats.n_covariance == 0:
+        return "caution", ("No uncertainty was predicted for the held-out markers.",)
+    low, high = stats.nees_band
+    inside = round(stats.coverage_95 * stats.n_covariance)
+    share = f"{inside} of {stats.n_covariance} held-out markers lie inside their predicted 95 % ellipsoid"
+    if stats.nees_mean > high:
+        factor = math.sqrt(stats.nees_mean / 3.0)
+        return "caution", (
+            f"The predicted uncertainty is too small: {share}, and errors are about {factor:.1f} times the predicted "
+            "ones.",
+        )
+    if stats.nees_mean < low:
+        factor = math.sqrt(3.0 / stats.nees_mean)
+        return "caution", (
+            f"The predicted uncertainty is too large: {share}, and errors are about {factor:.1f} times smaller than "
+            "predicted.",
+        )
+    return "good", (f"The predicted uncertainty fits the errors found: {share}.",)
+
+
+def failures(stats: HeldOutStats) -> tuple[str, tuple[str, ...]]:
+    """Folds without an answer are missing from every mean."""
+    if stats.n_failed == 0:
+        return "good", ()
+    return "caution", (
+        f"{stats.n_failed} of {len(stats.norm_m)} held-out visits have no result (see the result codes); the means "
+        "leave them out and may be too good.",
+    )
+
+
+def few_points(stats: HeldOutStats) -> tuple[str, tuple[str, ...]]:
+    """The small-number caveat."""
+    if stats.n_locations >= MIN_CHECK_POINTS:
+        return "good", ()
+    return "good", (
+        f"{stats.n_locations} check points are too few to state an accuracy ({MIN_CHECK_POINTS} are asked for by the "
+        "ASPRS standard of 2023): take the figures as an indication for this session only.",
+    )
+
+
+def revisit_sentences(trajectory: TrajectoryResult) -> tuple[str, ...]:
+    """How well two visits to one place agree."""
+    if not trajectory.revisit:
+        return ("No location was visited twice, so the trajectory could not be checked against itself.",)
+    name, gap = max(trajectory.revisit.items(), key=lambda item: np.nan_to_num(item[1]["refined_m"], nan=np.inf))
+    where = (
+        f"at {name}" if len(trajectory.revisit) == 1 else f"at {name}, the worst of {len(trajectory.revisit)} locations"
+    )
+    return (
+        f"Visits to one location disagree by {length_words(gap['refined_m'])} {where} (one-time similarity: "
+        f"{length_words(gap['coarse_m'])}); the location's own coordinates were not used for this.",
+    )
+
+
+def worst(*levels: str) -> str:
+    return max(levels, key=("good", "caution", "bad").index)

@@ -1,0 +1,78 @@
+"""Rigid motions and similarities on arrays: float64, differentiable at the degenerate points too."""
+
+from jaxgeo.geometry.align import Alignment, align
+from jaxgeo.geometry.interpolate import InterpolatedPoses, interpolate_poses, locate, pose_between, poses_at
+from jaxgeo.geometry.padding import bucket_size, pad_rows
+from jaxgeo.geometry.robust import RobustKind, check_robust, robust_residual, robust_rho, robust_weight
+from jaxgeo.geometry.se3 import (
+    hat,
+    se3_adjoint,
+    se3_apply,
+    se3_compose,
+    se3_exp,
+    se3_from,
+    se3_inverse,
+    se3_log,
+    se3_parts,
+    se3_relative,
+    so3_exp,
+    so3_from_matrix,
+    so3_left_jacobian,
+    so3_left_jacobian_inverse,
+    so3_log,
+    so3_matrix,
+    so3_multiply,
+)
+from jaxgeo.geometry.sim3 import (
+    Sim3,
+    sim3_apply,
+    sim3_apply_poses,
+    sim3_apply_trajectory,
+    sim3_compose,
+    sim3_inverse,
+)
+from jaxgeo.geometry.umeyama import SimilarityFit, determinacy, nearest_rotation, umeyama
+
+__all__ = [
+    "Alignment",
+    "InterpolatedPoses",
+    "RobustKind",
+    "Sim3",
+    "SimilarityFit",
+    "align",
+    "bucket_size",
+    "check_robust",
+    "determinacy",
+    "hat",
+    "interpolate_poses",
+    "locate",
+    "nearest_rotation",
+    "pad_rows",
+    "pose_between",
+    "poses_at",
+    "robust_residual",
+    "robust_rho",
+    "robust_weight",
+    "se3_adjoint",
+    "se3_apply",
+    "se3_compose",
+    "se3_exp",
+    "se3_from",
+    "se3_inverse",
+    "se3_log",
+    "se3_parts",
+    "se3_relative",
+    "sim3_apply",
+    "sim3_apply_poses",
+    "sim3_apply_trajectory",
+    "sim3_compose",
+    "sim3_inverse",
+    "so3_exp",
+    "so3_from_matrix",
+    "so3_left_jacobian",
+    "so3_left_jacobian_inverse",
+    "so3_log",
+    "so3_matrix",
+    "so3_multiply",
+    "umeyama",
+]

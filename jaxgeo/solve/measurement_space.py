@@ -1,0 +1,153 @@
+"""Levenberg-Marquardt in measurement space: an optimistix solver that sees the graph through `args`.
+
+The solver's state carries the poses and their edge noise; the increments `y` are written once, at the end. Damping acts on
+the noise and leaves the gauge alone: with `mu` the white variances and the priors shrink by 1 + mu, and the mean that
+they are drawn to moves from zero towards the present values by mu / (1 + mu).
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import optimistix as optx
+from jaxtyping import Array, Bool, Float, PyTree
+
+from jaxgeo.graph import se3_soa, soa
+from jaxgeo.graph.chain import Poses
+from jaxgeo.graph.pose_graph import Globals, Increments, PoseGraph, cost_at, chain_noise, globals_at, poses_at
+from jaxgeo.graph.soa import Vec3
+from jaxgeo.solve.linearise import (
+    edges_at,
+    force_on_edges,
+    globals_of,
+    globals_vector,
+    increments_from,
+    small_system,
+    solve_small,
+)
+from jaxgeo.solve.prefix import prefix_sum
+
+# A rejected step multiplies the damping by 8 (from 0: sets 1/8), an accepted one divides it; below 1/64 it is dropped.
+_DAMPING_FACTOR = 8.0
+_DAMPING_FIRST = 0.125
+_DAMPING_LOWEST = 1.0 / 64.0
+_DAMPING_HIGHEST = 1e6
+
+
+class State(eqx.Module):
+    """The last accepted point and what to try next."""
+
+    poses: Poses
+    glob: Globals
+    eps: tuple[Vec3, Vec3]
+    cost: Float[Array, ""]
+    decrease: Float[Array, ""]
+    damping: Float[Array, ""]
+    converged: Bool[Array, ""]
+    stuck: Bool[Array, ""]
+
+
+def _advance(poses: Poses, delta: Float[Array, "6 n"]) -> Poses:
+    """`Exp(delta) T`, quaternions renormalised."""
+    quat, t = se3_soa.exp((delta[0], delta[1], delta[2]), (delta[3], delta[4], delta[5]))
+    q = soa.quat_mul(quat, poses.quat)
+    # One Newton step of 1/sqrt from 1: rounding leaves the norm within 1e-15 of it.
+    n = 1.5 - 0.5 * (q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+    return Poses((q[0] * n, q[1] * n, q[2] * n, q[3] * n), soa.add(soa.rotate(quat, poses.t), t))
+
+
+def damped_step(state: State, graph: PoseGraph) -> tuple[Poses, Globals]:
+    """The trial point: one step of the damped problem, linearised at the accepted point."""
+    shrink = 1.0 / (1.0 + state.damping)
+    edges = edges_at(state.poses, state.eps, state.glob, shrink, graph)
+    system, drift, influence = small_system(state.poses, state.eps, edges, graph, shrink)
+    glob = globals_vector(state.glob, graph)
+    # Residual once the noise (bias included) and the globals have gone to the mean that they are drawn to.
+    moved = shrink * drift
+    if graph.terms.log_scale:
+        moved = moved + influence[..., -1] * (shrink * glob[-1])
+    c = system.residual - jnp.einsum("kda,ka->kd", system.jacobian, moved).reshape(-1)
+    multiplier, delta_0 = solve_small(system, c, jnp.zeros(6))
+    shape = system.jacobian.shape
+    force = force_on_edges(jnp.einsum("kda,kd->ka", system.jacobian, multiplier.reshape(shape[:2])), graph)
+    pull = edges.backward(*force)
+    shift = -system.globals_variance * (system.globals_jacobian.T @ multiplier)
+    new_glob = globals_of((1.0 - shrink) * glob + shift, graph)
+    step = globals_of(shift, graph)
+    noise_trans = soa.sub(soa.scale(-shrink, state.eps[0]), soa.mul(edges.variance_trans, pull[0]))
+    noise_rot = soa.sub(soa.scale(-shrink, state.eps[1]), soa.mul(edges.variance_rot, pull[1]))
+    if graph.terms.bias:
+        noise_trans = soa.add(noise_trans, tuple(edges.length_m * b for b in step.bias_trans))
+        noise_rot = soa.add(noise_rot, tuple(edges.length_m * b for b in step.bias_rot))
+    delta = increments_from(edges, delta_0, (noise_trans, noise_rot), new_glob.log_scale - state.glob.log_scale)
+    return _advance(state.poses, prefix_sum(delta)), new_glob
+
+
+class MeasurementSpaceLM(optx.AbstractLeastSquaresSolver):
+    """Levenberg-Marquardt whose every step is a dense system of the anchors only; `args` must be the `PoseGraph`.
+
+    Converged: after an undamped step, what a next one would lower the cost by, extrapolated geometrically from the last
+    two decreases, is below `rtol * cost + atol`. A trial that is not finite, or raises the cost, is rejected and the
+    damping raised; damping past 1e6 ends the solve as divergent.
+    """
+
+    rtol: float = 1e-9
+    atol: float = 1e-12
+    norm: Callable[[PyTree], Array] = optx.max_norm
+
+    def init(
+        self, fn: Any, y: Increments, args: PoseGraph, options: dict, f_struct: Any, aux_struct: Any, tags: frozenset
+    ) -> State:
+        poses, glob = poses_at(y, args.base), globals_at(y, args)
+        eps = chain_noise(poses, glob, args)
+        false = jnp.array(False)
+        return State(poses, glob, eps, cost_at(poses, glob, eps, args), jnp.array(jnp.inf), jnp.zeros(()), false, false)
+
+    def step(
+        self, fn: Any, y: Increments, args: PoseGraph, options: dict, state: State, tags: frozenset
+    ) -> tuple[Increments, State, Any]:
+        poses, glob = damped_step(state, args)
+        eps = chain_noise(poses, glob, args)
+        cost = cost_at(poses, glob, eps, args)
+        slack = self.rtol * state.cost + self.atol
+        undamped = state.damping == 0
+        lower = cost <= state.cost
+        decrease = state.cost - cost
+        # At the optimum rounding may raise the cost by a hair: that is convergence, and the older point stays.
+        next_decrease = jnp.abs(decrease) * jnp.minimum(1.0, jnp.abs(decrease) / state.decrease)
+        converged = undamped & jnp.isfinite(cost) & (next_decrease <= slack) & (jnp.abs(decrease) <= 1e-3 * state.cost)
+        accept = lower & jnp.isfinite(cost)
+        raised = jnp.maximum(state.damping * _DAMPING_FACTOR, _DAMPING_FIRST)
+        lowered = jnp.where(state.damping <= _DAMPING_LOWEST, 0.0, state.damping / _DAMPING_FACTOR)
+        trial = (poses, glob, eps, cost)
+        kept = (state.poses, state.glob, state.eps, state.cost)
+        poses, glob, eps, cost = jax.tree.map(lambda new, old: jnp.where(accept, new, old), trial, kept)
+        damping = jnp.where(accept, lowered, raised)
+        stuck = ~converged & ~accept & (damping > _DAMPING_HIGHEST)
+        last = jnp.where(accept & undamped, decrease, jnp.inf)
+        return y, State(poses, glob, eps, cost, last, damping, converged, stuck), None
+
+    def terminate(
+        self, fn: Any, y: Increments, args: PoseGraph, options: dict, state: State, tags: frozenset
+    ) -> tuple[Bool[Array, ""], optx.RESULTS]:
+        result = optx.RESULTS.where(state.stuck, optx.RESULTS.nonlinear_divergence, optx.RESULTS.successful)
+        return state.converged | state.stuck, result
+
+    def postprocess(
+        self,
+        fn: Any,
+        y: Increments,
+        aux: Any,
+        args: PoseGraph,
+        options: dict,
+        state: State,
+        tags: frozenset,
+        result: optx.RESULTS,
+    ) -> tuple[Increments, Any, dict[str, Any]]:
+        back = soa.quat_conj(args.base.quat)
+        turned = soa.quat_mul(state.poses.quat, back)
+        trans, rot = se3_soa.log(turned, soa.sub(state.poses.t, soa.rotate(turned, args.base.t)))
+        glob = jax.tree.map(jnp.subtract, state.glob, args.base_globals)
+        return Increments(trans, rot, glob), aux, {}

@@ -1,0 +1,30 @@
+"""JAX as strict as it goes, its compiled programs kept in the repository's `.cache`, hypothesis short and repeatable.
+
+No silent promotion of dtypes or ranks in anything that the tests touch. jaxlie breaks under both: `jaxgeo.geometry`
+wraps it; a test that calls jaxlie itself does so inside `jax.numpy_dtype_promotion("standard")` and
+`jax.numpy_rank_promotion("allow")`.
+"""
+
+import os
+from pathlib import Path
+
+import hypothesis
+import jax
+import pytest
+
+import jaxgeo  # noqa: F401  (float64 before any test makes an array)
+from jaxgeo.precision import assert_float64, enable_compilation_cache
+
+jax.config.update("jax_numpy_dtype_promotion", "strict")
+jax.config.update("jax_numpy_rank_promotion", "raise")
+enable_compilation_cache(Path(__file__).resolve().parents[1] / ".cache" / "xla")
+
+# No deadline: the first example of a property compiles. In CI the same examples every time.
+hypothesis.settings.register_profile("default_jaxgeo", deadline=None, max_examples=25)
+hypothesis.settings.register_profile("ci", deadline=None, max_examples=25, derandomize=True)
+hypothesis.settings.load_profile("ci" if os.environ.get("CI") else "default_jaxgeo")
+
+
+@pytest.fixture(autouse=True, scope="session")
+def _float64() -> None:
+    assert_float64()
