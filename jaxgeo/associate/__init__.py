@@ -1,1 +1,16 @@
+"""From what a camera saw to anchors: pose of a marker, visits, labels, lever arms."""
 
+from jaxgeo.associate.anchors import make_anchors
+from jaxgeo.associate.from_truth import sightings_from_trajectory, survey_from_trajectory
+from jaxgeo.associate.labels import label_visits
+from jaxgeo.associate.pnp import corners_to_sightings
+from jaxgeo.associate.visits import cut_visits
+
+__all__ = [
+    "corners_to_sightings",
+    "cut_visits",
+    "label_visits",
+    "make_anchors",
+    "sightings_from_trajectory",
+    "survey_from_trajectory",
+]

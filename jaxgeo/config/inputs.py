@@ -190,9 +190,12 @@ class PoseSightingsInput(Section):
 
 
 class ControlPointSightingsInput(Section):
-    """One row = the rig stands on a surveyed point: stamp and name, the names in the file or here, in file order.
+    """One row = the rig stands on a surveyed point: stamp, E, N, h and name, the names in the file or here, in file order.
+
+    The rows are the survey too: no `survey` beside them.
 
     Attributes:
+        sigma_m: of the mark in the body frame; `survey_sigma_m`: of the surveyed coordinates, E, N, h.
         lever_arm_m: the point of the rig that stood on the marker, in the body frame.
     """
 
@@ -203,6 +206,7 @@ class ControlPointSightingsInput(Section):
     names: list[Name] | None = Field(default=None, min_length=1)
     lever_arm_m: Vector = Field(description="the marker in the body frame [x, y, z], metres")
     sigma_m: Positive = 0.01
+    survey_sigma_m: PositivePerAxis = (0.01, 0.01, 0.01)
 
     @model_validator(mode="after")
     def _check_names(self):

@@ -110,7 +110,10 @@ class SessionConfig(Section):
     simulated: bool = False
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
     origin_enh_m: Vector | None = None
-    survey: SurveyInput = Field(description="the surveyed points: {file: ..}, {points: ..} or {from_trajectory: ..}")
+    survey: SurveyInput | None = Field(
+        default=None,
+        description="the surveyed points: {file: ..}, {points: ..} or {from_trajectory: ..}; none with control_points",
+    )
     rig: RigInput | None = None
     sightings: SightingsInput = Field(discriminator="kind", description="the sightings: {kind: .., file: .., ..}")
     visits: Visits = Visits()
@@ -133,6 +136,17 @@ class SessionConfig(Section):
         return self
 
     @model_validator(mode="after")
+    def _check_survey(self):
+        if isinstance(self.sightings, ControlPointSightingsInput):
+            if self.survey is not None:
+                raise ValueError("sightings of kind 'control_points' hold the surveyed coordinates: remove 'survey'")
+        elif self.survey is None:
+            raise ValueError(
+                "missing key 'survey': the surveyed points: {file: ..}, {points: ..} or {from_trajectory: ..}"
+            )
+        return self
+
+    @model_validator(mode="after")
     def _check_order(self):
         named = isinstance(self.sightings, ControlPointSightingsInput | FromTrajectorySightingsInput)
         for key in ("order", "locations"):
@@ -144,13 +158,13 @@ class SessionConfig(Section):
     @model_validator(mode="after")
     def _check_locations(self):
         survey = self.survey
+        if survey is None:
+            return self
         known = survey.points or (survey.from_trajectory.rows if survey.from_trajectory else None)
         if known is None:
             return self
         used = {"survey.ignore": survey.ignore, "visits.order": self.visits.order or []}
         used["visits.locations"] = list(self.visits.locations.values())
-        if isinstance(self.sightings, ControlPointSightingsInput):
-            used["sightings.names"] = self.sightings.names or []
         if isinstance(self.sightings, FromTrajectorySightingsInput):
             used["sightings.visits"] = [visit.location for visit in self.sightings.visits]
         for key, names in used.items():

@@ -6,7 +6,7 @@ SMALLEST_POSES = 128
 
 
 def pose_bucket(n: int) -> int:
-    """Smallest of 128, 160, 192, 224, 256, 320, 384, ... that holds n poses: at most 25 % padding, all divisible by 32."""
+    """Smallest of 128, 160, 192, 224, 256, 320, ... that holds n poses: at most 25 % padding, all divisible by 32."""
     return _bucket(n, SMALLEST_POSES)
 
 

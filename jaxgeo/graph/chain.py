@@ -4,7 +4,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from jaxgeo.data import Trajectory
 from jaxgeo.graph import se3_soa, soa
@@ -21,7 +21,7 @@ class Poses(eqx.Module):
 
 
 class Chain(eqx.Module):
-    """Odometry of one trajectory. Edge k leads from pose k-1 to pose k; edge 0 and the padding at the end have length 0.
+    """Odometry of one trajectory. Edge k leads from pose k-1 to pose k; edge 0 and the padding have length 0.
 
     Attributes:
         odometry: relative motion of every edge, `T_(k-1) odometry_k = T_k` without noise.
@@ -42,8 +42,8 @@ def poses_of(position_m: np.ndarray, quat_wxyz: np.ndarray, padded: int) -> Pose
     """Poses from (n, 3) and (n, 4) arrays, the last one repeated up to `padded`."""
     grow = ((0, padded - len(position_m)), (0, 0))
     p, q = np.pad(position_m, grow, mode="edge"), np.pad(quat_wxyz, grow, mode="edge")
-    columns = [jnp.asarray(c) for c in (*q.T, *p.T)]
-    return Poses(tuple(columns[:4]), tuple(columns[4:]))
+    w, x, y, z, *t = (jnp.asarray(c) for c in (*q.T, *p.T))
+    return Poses((w, x, y, z), (t[0], t[1], t[2]))
 
 
 def previous(v: Array) -> Array:
@@ -63,9 +63,14 @@ def chain_of(trajectory: Trajectory) -> Chain:
     padded = pose_bucket(n)
     origin = trajectory.position_m.mean(axis=0).round()
     start = poses_of(trajectory.position_m - origin, trajectory.quat_wxyz, padded)
+    real = (np.arange(padded) > 0) & (np.arange(padded) < n)
+    return _chain(start, real, origin)
+
+
+@jax.jit
+def _chain(start: Poses, real: Bool[Array, "n"], origin_m: Float[Array, "3"]) -> Chain:
     odometry = relative_motion(jax.tree.map(previous, start), start)
     step_t, step_r = se3_soa.log(odometry.quat, odometry.t)
-    real = (np.arange(padded) > 0) & (np.arange(padded) < n)
     length = jnp.where(real, jnp.sqrt(soa.dot(step_t, step_t)) + LENGTH_FLOOR_M, 0.0)
     turn = jnp.where(real, jnp.sqrt(soa.dot(step_r, step_r)), 0.0)
-    return Chain(odometry, start, length, turn, jnp.asarray(origin))
+    return Chain(odometry, start, length, turn, origin_m)

@@ -7,6 +7,7 @@ constant bias per metre, each with a zero-mean normal prior. A prior of zero lea
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 # A rig that stands still jitters: each edge counts as at least this long.
@@ -44,7 +45,7 @@ def odometry_noise(
     """Noise from plain numbers: a scalar stands for all three axes."""
 
     def axes(value: float | list[float]) -> Float[Array, "3"]:
-        return jnp.broadcast_to(jnp.asarray(value, dtype=jnp.float64), (3,))
+        return jnp.asarray(np.broadcast_to(np.asarray(value, dtype=np.float64), (3,)))
 
     return OdometryNoise(
         axes(sigma_trans_m_per_sqrt_m),

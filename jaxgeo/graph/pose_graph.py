@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from jaxgeo.geometry.robust import robust_rho
+from jaxgeo.geometry.robust import RobustKind, robust_rho
 from jaxgeo.graph import se3_soa, soa
 from jaxgeo.graph.chain import Chain, Poses, previous, relative_motion
 from jaxgeo.graph.compute_once import compute_once
@@ -26,7 +26,7 @@ class Terms(eqx.Module):
     rotation: bool = eqx.field(static=True, default=False)
     log_scale: bool = eqx.field(static=True, default=False)
     bias: bool = eqx.field(static=True, default=False)
-    loss: str = eqx.field(static=True, default="none")
+    loss: RobustKind = eqx.field(static=True, default="none")
 
 
 class AnchorRows(eqx.Module):
@@ -76,7 +76,7 @@ class PoseGraph(eqx.Module):
 
 
 class Increments(eqx.Module):
-    """The unknowns: world-frame increments `T_i = Exp(y_i) base_i`, (translation, rotation), and what is added to the globals."""
+    """The unknowns: world-frame increments `T_i = Exp(y_i) base_i` and what is added to the globals."""
 
     trans: Vec3
     rot: Vec3
@@ -119,7 +119,7 @@ def globals_at(y: Increments, graph: PoseGraph) -> Globals:
 
 
 def edge_noise(before: Poses, here: Poses, glob: Globals, graph: PoseGraph) -> tuple[Vec3, Vec3]:
-    """`eps_k = Log(O_k(s)^-1 T_(k-1)^-1 T_k)` of every edge, (translation, rotation), from the poses at its two ends."""
+    """`eps_k = Log(O_k(s)^-1 T_(k-1)^-1 T_k)` of every edge, from the poses at its two ends."""
     odometry = graph.chain.odometry
     moved = compute_once(graph.loss_width > 0, relative_motion(before, here))
     expected = soa.scale(jnp.exp(glob.log_scale), odometry.t) if graph.terms.log_scale else odometry.t
@@ -137,10 +137,7 @@ def white_noise(eps: tuple[Vec3, Vec3], glob: Globals, graph: PoseGraph) -> tupl
     if not graph.terms.bias:
         return eps
     d = graph.chain.length_m
-    return (
-        tuple(e - d * b for e, b in zip(eps[0], glob.bias_trans, strict=True)),
-        tuple(e - d * b for e, b in zip(eps[1], glob.bias_rot, strict=True)),
-    )
+    return soa.sub(eps[0], soa.scale(d, glob.bias_trans)), soa.sub(eps[1], soa.scale(d, glob.bias_rot))
 
 
 def inverse_sigmas(graph: PoseGraph) -> tuple[Vec3, Vec3]:
@@ -151,7 +148,7 @@ def inverse_sigmas(graph: PoseGraph) -> tuple[Vec3, Vec3]:
         return jnp.where(real, 1.0 / jnp.sqrt(jnp.where(real, variance, 1.0)), 0.0)
 
     trans, rot = edge_variances(graph.noise, graph.chain.length_m, graph.chain.turn_rad)
-    return tuple(invert(v) for v in trans), tuple(invert(v) for v in rot)
+    return jax.tree.map(invert, (trans, rot))
 
 
 class AtAnchors(eqx.Module):
@@ -166,7 +163,7 @@ class AtAnchors(eqx.Module):
 def at_anchors(poses: Poses, graph: PoseGraph) -> AtAnchors:
     """Predicted marker positions and rotations at the anchored poses."""
     a = graph.anchors
-    quat = tuple(c[a.pose_index] for c in poses.quat)
+    quat = jax.tree.map(lambda c: c[a.pose_index], poses.quat)
     rotation = jnp.stack([jnp.stack(row, axis=-1) for row in soa.quat_matrix(quat)], axis=-2)
     lever = jnp.einsum("kij,kj->ki", rotation, a.lever_arm_m)
     point = lever + jnp.stack([c[a.pose_index] for c in poses.t], axis=-1)
@@ -197,7 +194,7 @@ def log_rotation(matrix: Float[Array, "k 3 3"]) -> Float[Array, "k 3"]:
     symmetric = m + jnp.swapaxes(m, -1, -2)
     # Row i is 4 q_i q for q = (w, x, y, z); any row with q_i away from zero gives q.
     first = jnp.concatenate([(1 + trace)[:, None], skew], axis=-1)
-    own = jnp.eye(3)[None] * (1 - trace + 2 * diagonal)[:, :, None]
+    own = jnp.eye(3)[None] * (1 - trace[:, None] + 2 * diagonal)[:, :, None]
     rest = jnp.concatenate([skew[:, :, None], symmetric * (1 - jnp.eye(3))[None] + own], axis=-1)
     rows = jnp.concatenate([first[:, None], rest], axis=1)
     pick = jnp.argmax(jnp.concatenate([trace[:, None], diagonal], axis=-1), axis=-1)
@@ -219,9 +216,7 @@ def prior_weights(graph: PoseGraph) -> Globals:
         return jnp.where(sigma > 0, 1.0 / jnp.where(sigma > 0, sigma, 1.0), 0.0)
 
     trans, rot = invert(graph.noise.sigma_bias_trans_m_per_m), invert(graph.noise.sigma_bias_rot_rad_per_m)
-    return Globals(
-        (trans[0], trans[1], trans[2]), (rot[0], rot[1], rot[2]), invert(graph.noise.sigma_log_scale)
-    )
+    return Globals((trans[0], trans[1], trans[2]), (rot[0], rot[1], rot[2]), invert(graph.noise.sigma_log_scale))
 
 
 def robust_scale(whitened: Float[Array, "k d"], graph: PoseGraph) -> Float[Array, "k"]:
@@ -242,9 +237,7 @@ def residuals(y: Increments, graph: PoseGraph) -> dict[str, tuple[Array, ...]]:
     return residuals_at(poses, glob, edge_noise(before, poses, glob, graph), graph)
 
 
-def residuals_at(
-    poses: Poses, glob: Globals, eps: tuple[Vec3, Vec3], graph: PoseGraph
-) -> dict[str, tuple[Array, ...]]:
+def residuals_at(poses: Poses, glob: Globals, eps: tuple[Vec3, Vec3], graph: PoseGraph) -> dict[str, tuple[Array, ...]]:
     """The same at given poses and globals, their edge noise known."""
     inverse_sigma = inverse_sigmas(graph)
     white = white_noise(eps, glob, graph)
@@ -268,10 +261,3 @@ def cost_at(poses: Poses, glob: Globals, eps: tuple[Vec3, Vec3], graph: PoseGrap
     """Half the sum of squared residuals."""
     found = residuals_at(poses, glob, eps, graph)
     return 0.5 * sum((jnp.sum(r * r) for rows in found.values() for r in rows), start=jnp.zeros(()))
-
-
-def earlier_anchor_count(pose_index: Int[Array, "k"], n: int) -> Int[Array, "n"]:
-    """For every pose, how many of the sorted anchors hang on poses before it."""
-    return jnp.searchsorted(pose_index, jnp.arange(n), side="left")
-
-

@@ -1,11 +1,13 @@
 """Exponential, logarithm and right Jacobian of SE(3) on component tuples (see `soa`).
 
-Formulas: Barfoot, State Estimation for Robotics (2017), section 7.1 and (7.86); the products of skew matrices in (7.86b)
-are reduced with W V W = -(w.v) W and u w' - w u' = [w x u], which leaves no 3x3 product.
+Formulas: Barfoot, State Estimation for Robotics (2017), section 7.1 and (7.86); the products of skew matrices in
+(7.86b) are reduced with W V W = -(w.v) W and u w' - w u' = [w x u], which leaves no 3x3 product.
 
-Every coefficient is an entire function of the squared angle, summed as its power series: no branch at zero angle, finite
-gradients of every order, and 5 times cheaper in float64 than sine and cosine, which XLA does not vectorise on CPUs.
-The series hold to 1e-15 for angles up to pi (`exp`: up to 2 pi); the logarithm halves the angle three times first.
+Every coefficient is an entire function of the squared angle, summed as its power series: no branch at zero angle,
+finite gradients of every order, and 5 times cheaper in float64 than sine and cosine, which XLA does not vectorise on
+CPUs. Each function is a `jit` of its own: traced once for all its uses in a program.
+The series hold to 1e-15 for angles up to pi (`exp`: up to 2 pi); the logarithm halves the angle three times
+first.
 """
 
 from functools import partial
@@ -39,7 +41,7 @@ _LOG_B = (1 / 12, 1 / 720, 1 / 30240, 1 / 1209600, 1 / 47900160, 691 / 130767436
 
 @partial(jax.custom_jvp, nondiff_argnums=(1,))
 def _series(x: Array, coefficients: tuple[float, ...]) -> Array:
-    """Horner's rule. Its derivative is the derived series: differentiating the rule itself makes XLA repeat its steps."""
+    """Horner's rule. Its derivative is the derived series: differentiating the rule makes XLA repeat its steps."""
     total = jnp.full_like(x, coefficients[-1])
     for c in coefficients[-2::-1]:
         total = total * x + c
@@ -53,6 +55,7 @@ def _series_jvp(coefficients: tuple[float, ...], primals: tuple[Array], tangents
     return _series(x, coefficients), _series(x, derived) * dx
 
 
+@jax.jit
 def exp(translation: Vec3, rotation: Vec3) -> tuple[Quat, Vec3]:
     """`Exp(translation, rotation)` as unit quaternion and translation, angle up to 2 pi."""
     t2 = dot(rotation, rotation)
@@ -66,6 +69,7 @@ def exp(translation: Vec3, rotation: Vec3) -> tuple[Quat, Vec3]:
     return (c, s * rotation[0], s * rotation[1], s * rotation[2]), moved
 
 
+@jax.jit
 def log(q: Quat, translation: Vec3) -> tuple[Vec3, Vec3]:
     """`Log` of a pose as (translation, rotation), rotation angle in [0, pi]."""
     sign = jnp.where(q[0] < 0, -1.0, 1.0)
@@ -83,6 +87,7 @@ def log(q: Quat, translation: Vec3) -> tuple[Vec3, Vec3]:
     return add(translation, add(scale(-0.5, once), scale(b, twice))), rotation  # type: ignore[arg-type]
 
 
+@jax.jit
 def right_jacobian(translation: Vec3, rotation: Vec3) -> tuple[Mat3, Mat3]:
     """Blocks (J, Q) of the right Jacobian `[[J, Q], [0, J]]` in (translation, rotation) order, angle up to pi."""
     v, w = translation, rotation
@@ -103,7 +108,7 @@ def right_jacobian(translation: Vec3, rotation: Vec3) -> tuple[Mat3, Mat3]:
 def inverse_right_jacobian_transposed(
     translation: Vec3, rotation: Vec3, on_translation: Vec3, on_rotation: Vec3
 ) -> tuple[Vec3, Vec3]:
-    """`J_r^-T f`: forces on `Log` to forces on a pose multiplied on the right, (translation, rotation), angle below pi."""
+    """`J_r^-T f`: forces on `Log` to forces on a pose multiplied on the right, angle below pi."""
     t2 = dot(rotation, rotation)
     b = _log_coefficient(t2)
     _, coupling = right_jacobian(translation, rotation)

@@ -1,8 +1,9 @@
 """Implicit gradients that never build a matrix over the poses.
 
-`optimistix.ImplicitAdjoint` needs the solution of one linear system with the true Hessian of the cost. Conjugate gradients
-solve it on Hessian-vector products, preconditioned by the exact inverse of the Gauss-Newton Hessian, which in measurement
-space costs no more than a step of the solver. Gauss-Newton is nearly the Hessian here: a handful of iterations.
+`optimistix.ImplicitAdjoint` needs the solution of one linear system with the true Hessian of the cost. Conjugate
+gradients solve it on Hessian-vector products, preconditioned by the exact inverse of the Gauss-Newton Hessian, which in
+measurement space costs no more than a step of the solver. Gauss-Newton is nearly the Hessian here: a handful of
+iterations.
 """
 
 from collections.abc import Callable
@@ -75,13 +76,16 @@ def gauss_newton_solve(lin: Linearisation, rhs: Increments) -> Increments:
     trans = soa.sub(free[0], soa.mul(edges.variance_trans, pull[0]))
     rot = soa.sub(free[1], soa.mul(edges.variance_rot, pull[1]))
     if graph.terms.bias:
-        trans = soa.add(trans, tuple(edges.length_m * b for b in glob.bias_trans))
-        rot = soa.add(rot, tuple(edges.length_m * b for b in glob.bias_rot))
+        trans = soa.add(trans, soa.scale(edges.length_m, glob.bias_trans))
+        rot = soa.add(rot, soa.scale(edges.length_m, glob.bias_rot))
     return increments_of(increments_from(edges, delta_0, (trans, rot), glob.log_scale), glob)
 
 
 def _force_on_globals(
-    on_noise: tuple[tuple[Array, ...], tuple[Array, ...]], behind_trans: tuple[Array, ...], edges: Edges, graph: PoseGraph
+    on_noise: tuple[tuple[Array, ...], tuple[Array, ...]],
+    behind_trans: tuple[Array, ...],
+    edges: Edges,
+    graph: PoseGraph,
 ) -> Float[Array, "g"]:
     parts: list[Array] = []
     if graph.terms.bias:
@@ -100,7 +104,7 @@ def _axpy(a: Array, x: PyTree, y: PyTree) -> PyTree:
 
 
 class ChainCG(lx.AbstractLinearSolver):
-    """Conjugate gradients on the Hessian, preconditioned by `gauss_newton_solve`, both at the graph's base: the optimum.
+    """Conjugate gradients on the Hessian, preconditioned by `gauss_newton_solve`, both at the base: the optimum.
 
     The operator that optimistix hands over is this same Hessian by automatic differentiation, ten times as dear.
 
@@ -141,7 +145,11 @@ class ChainCG(lx.AbstractLinearSolver):
         x, _, _, rz, k = jax.lax.while_loop(unfinished, iterate, start)
         good = jnp.abs(rz) <= self.rtol**2 * first
         x = increments_of(prefix_sum(increment_rows(x)), x.glob)
-        return compute_once(always, jax.tree.map(lambda v: jnp.where(good, v, jnp.nan), x)), lx.RESULTS.successful, {"num_steps": k}
+        return (
+            compute_once(always, jax.tree.map(lambda v: jnp.where(good, v, jnp.nan), x)),
+            lx.RESULTS.successful,
+            {"num_steps": k},
+        )
 
     def transpose(self, state: Any, options: dict) -> tuple[Any, dict]:
         return state, options  # a Hessian is symmetric
@@ -160,7 +168,9 @@ class AtOptimum(optx.AbstractLeastSquaresSolver):
     atol: float = 0.0
     norm: Callable[[PyTree], Array] = optx.max_norm
 
-    def init(self, fn: Any, y: PyTree, args: Any, options: dict, f_struct: Any, aux_struct: Any, tags: frozenset) -> Any:
+    def init(
+        self, fn: Any, y: PyTree, args: Any, options: dict, f_struct: Any, aux_struct: Any, tags: frozenset
+    ) -> Any:
         return None
 
     def step(self, fn: Any, y: PyTree, args: Any, options: dict, state: Any, tags: frozenset) -> tuple:

@@ -1,9 +1,9 @@
 """Hessian-vector products of the cost at its optimum, without reverse mode.
 
-The coordinates are those of the edges: `delta_i = sum_(k<=i) w_k`, w_0 the gauge. The gradient in them has a closed form,
-`G_k^-T W_k^2 n_k` plus the pull of the anchors at and behind the edge, and its derivative along a direction is one
-forward-mode pass. At the optimum, where the gradient vanishes, this is the Hessian in any chart. Several times cheaper
-than differentiating the residual function twice, which it agrees with to rounding (tested).
+The coordinates are those of the edges: `delta_i = sum_(k<=i) w_k`, w_0 the gauge. The gradient in them has a closed
+form, `G_k^-T W_k^2 n_k` plus the pull of the anchors at and behind the edge, and its derivative along a direction is
+one forward-mode pass. At the optimum, where the gradient vanishes, this is the Hessian in any chart. Several times
+cheaper than differentiating the residual function twice, which it agrees with to rounding (tested).
 """
 
 import equinox as eqx
@@ -41,10 +41,8 @@ def gradient_field(poses: Poses, glob: Globals, graph: PoseGraph) -> Increments:
     eps = compute_once(always, edge_noise(before, poses, glob, graph))
     inverse_sigma = inverse_sigmas(graph)
     white = white_noise(eps, glob, graph)
-    on_trans, on_rot = (
-        soa.mul(soa.mul(i, i), n) for i, n in zip(inverse_sigma, white, strict=True)
-    )
-    on_pose = se3_soa.inverse_right_jacobian_transposed(*eps, on_trans, on_rot)
+    on_trans, on_rot = (soa.mul(soa.mul(i, i), n) for i, n in zip(inverse_sigma, white, strict=True))
+    on_pose = se3_soa.inverse_right_jacobian_transposed(eps[0], eps[1], on_trans, on_rot)
     body_trans, body_rot = compute_once(always, on_pose)
     # Ad(T)^-T, (translation, rotation): R f_t, and R f_r + t x R f_t
     trans = soa.rotate(poses.quat, body_trans)
@@ -60,7 +58,7 @@ def gradient_field(poses: Poses, glob: Globals, graph: PoseGraph) -> Increments:
 
 
 def hessian_product(direction: Increments, graph: PoseGraph) -> Increments:
-    """Hessian of the cost times a direction, both in edge coordinates, at the graph's base, which must be the optimum."""
+    """Hessian of the cost times a direction, both in edge coordinates, at the graph's base: must be the optimum."""
     base = graph.base
     delta = prefix_sum(increment_rows(direction))
     trans, rot = (delta[0], delta[1], delta[2]), (delta[3], delta[4], delta[5])
@@ -93,9 +91,9 @@ def _on_own_poses(graph: PoseGraph) -> PoseGraph:
 
 def _prior_force(weight: Vec3, value: Vec3, on_noise: Vec3, graph: PoseGraph) -> Vec3:
     if not graph.terms.bias:
-        return tuple(jnp.zeros_like(v) for v in value)
-    pulled = tuple(jnp.sum(graph.chain.length_m * f) for f in on_noise)
-    return tuple(w * w * v - p for w, v, p in zip(weight, value, pulled, strict=True))
+        return jax.tree.map(jnp.zeros_like, value)
+    pulled = jax.tree.map(lambda f: jnp.sum(graph.chain.length_m * f), on_noise)
+    return soa.sub(soa.mul(soa.mul(weight, weight), value), pulled)
 
 
 def _scale_force(weight: Array, value: Array, before: Poses, on_pose: Vec3, graph: PoseGraph) -> Array:

@@ -2,9 +2,11 @@
 
 With world-frame increments `T_i <- Exp(delta_i) T_i` a change of edge noise moves every later pose alike,
 
-    delta_i = delta_0 + sum_(k<=i) G_k (dn_k + d_k db) + g_k ds,      G_k = Ad(T_k) J_r(eps_k),   g_k = (R_(k-1) e^s t_k, 0)
+    delta_i = delta_0 + sum_(k<=i) G_k (dn_k + d_k db) + g_k ds
+    G_k = Ad(T_k) J_r(eps_k),   g_k = (R_(k-1) e^s t_k, 0)
 
-so prior covariances of poses are prefix sums `S(min(i, j))`, `S(m) = sum_(k<=m) G_k Q_k G_k'`, and a Gauss-Newton step is
+so prior covariances of poses are prefix sums `S(min(i, j))`, `S(m) = sum_(k<=m) G_k Q_k G_k'`, and a Gauss-Newton step
+is
 
     (I + H S H' + HD P (HD)') lambda - H_0 delta_0 = c,      H_0' lambda = 0
 
@@ -81,10 +83,10 @@ def edges_at(poses: Poses, eps: tuple[Vec3, Vec3], glob: Globals, shrink: Array,
     b = soa.mat_add(soa.matmul(rotation, coupling), soa.hat_matmul(poses.t, a))
     trans, rot = edge_variances(graph.noise, graph.chain.length_m, graph.chain.turn_rad)
     if graph.terms.log_scale:
-        before = tuple(previous(c) for c in poses.quat)
+        before = jax.tree.map(previous, poses.quat)
         column = soa.scale(jnp.exp(glob.log_scale), soa.rotate(before, graph.chain.odometry.t))
     else:
-        column = tuple(jnp.zeros_like(c) for c in poses.t)
+        column = jax.tree.map(jnp.zeros_like, poses.t)
     return Edges(a, b, soa.scale(shrink, trans), soa.scale(shrink, rot), column, graph.chain.length_m)
 
 
@@ -173,9 +175,9 @@ def anchor_jacobian(poses: Poses, graph: PoseGraph) -> tuple[Float[Array, "k d 6
     return jacobian, residual
 
 
-def small_system(poses: Poses, eps: tuple[Vec3, Vec3], edges: Edges, graph: PoseGraph, shrink: Array) -> tuple[
-    SmallSystem, Float[Array, "k 6"], Float[Array, "k 6 g"]
-]:
+def small_system(
+    poses: Poses, eps: tuple[Vec3, Vec3], edges: Edges, graph: PoseGraph, shrink: Array
+) -> tuple[SmallSystem, Float[Array, "k 6"], Float[Array, "k 6 g"]]:
     """The anchors' system; the chain's share `sum G eps` of every anchored pose's increment; and D at the anchors."""
     drift = edges.forward(*eps)
     rows = covariance_rows(edges)
@@ -187,7 +189,7 @@ def small_system(poses: Poses, eps: tuple[Vec3, Vec3], edges: Edges, graph: Pose
     k, d, _ = jacobian.shape
     globals_jacobian = jnp.einsum("kda,kag->kdg", jacobian, influence).reshape(k * d, -1)
     variance = globals_variance(graph) * shrink
-    m = jnp.eye(k * d) + (globals_jacobian * variance) @ globals_jacobian.T
+    m = jnp.eye(k * d) + (globals_jacobian * variance[None]) @ globals_jacobian.T
     m = m + anchor_prior_covariance(jacobian, chain_covariance)
     system = SmallSystem(
         jacobian, globals_jacobian, variance, residual.reshape(-1), jnp.linalg.cholesky(m), chain_covariance

@@ -1,8 +1,8 @@
 """Levenberg-Marquardt in measurement space: an optimistix solver that sees the graph through `args`.
 
-The solver's state carries the poses and their edge noise; the increments `y` are written once, at the end. Damping acts on
-the noise and leaves the gauge alone: with `mu` the white variances and the priors shrink by 1 + mu, and the mean that
-they are drawn to moves from zero towards the present values by mu / (1 + mu).
+The solver's state carries the poses and their edge noise; the increments `y` are written once, at the end. Damping acts
+on the noise and leaves the gauge alone: with `mu` the white variances and the priors shrink by 1 + mu, and the mean
+that they are drawn to moves from zero towards the present values by mu / (1 + mu).
 """
 
 from collections.abc import Callable
@@ -16,7 +16,7 @@ from jaxtyping import Array, Bool, Float, PyTree
 
 from jaxgeo.graph import se3_soa, soa
 from jaxgeo.graph.chain import Poses
-from jaxgeo.graph.pose_graph import Globals, Increments, PoseGraph, cost_at, chain_noise, globals_at, poses_at
+from jaxgeo.graph.pose_graph import Globals, Increments, PoseGraph, chain_noise, cost_at, globals_at, poses_at
 from jaxgeo.graph.soa import Vec3
 from jaxgeo.solve.linearise import (
     edges_at,
@@ -79,8 +79,8 @@ def damped_step(state: State, graph: PoseGraph) -> tuple[Poses, Globals]:
     noise_trans = soa.sub(soa.scale(-shrink, state.eps[0]), soa.mul(edges.variance_trans, pull[0]))
     noise_rot = soa.sub(soa.scale(-shrink, state.eps[1]), soa.mul(edges.variance_rot, pull[1]))
     if graph.terms.bias:
-        noise_trans = soa.add(noise_trans, tuple(edges.length_m * b for b in step.bias_trans))
-        noise_rot = soa.add(noise_rot, tuple(edges.length_m * b for b in step.bias_rot))
+        noise_trans = soa.add(noise_trans, soa.scale(edges.length_m, step.bias_trans))
+        noise_rot = soa.add(noise_rot, soa.scale(edges.length_m, step.bias_rot))
     delta = increments_from(edges, delta_0, (noise_trans, noise_rot), new_glob.log_scale - state.glob.log_scale)
     return _advance(state.poses, prefix_sum(delta)), new_glob
 

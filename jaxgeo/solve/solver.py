@@ -2,6 +2,7 @@
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import optimistix as optx
 from jaxtyping import Array, Float, Int
 
@@ -32,12 +33,10 @@ class Solution(eqx.Module):
     result: optx.RESULTS
 
 
-def solve_graph(graph: PoseGraph) -> Solution:
+def solve_graph(graph: PoseGraph, max_steps: int = MAX_STEPS) -> Solution:
     """The optimum, without derivatives. Runs under `jit` and `vmap`; never raises, carries the result code."""
     graph = jax.lax.stop_gradient(graph)
-    found = optx.least_squares(
-        residuals, SOLVER, zero_increments(graph), graph, max_steps=MAX_STEPS, throw=False, adjoint=optx.ImplicitAdjoint()
-    )
+    found = optx.least_squares(residuals, SOLVER, zero_increments(graph), graph, max_steps=max_steps, throw=False)
     # The state's poses are those of `found.value`, without the way through logarithm and exponential.
     state = found.state
     return Solution(state.poses, state.glob, state.cost, found.stats["num_steps"], found.result)
@@ -56,9 +55,7 @@ def solve_graph_differentiably(graph: PoseGraph) -> Solution:
     y = optx.least_squares(
         residuals, AtOptimum(), zero_increments(graph), at_solution, max_steps=1, throw=False, adjoint=adjoint
     ).value
-    return Solution(
-        poses_at(y, at_solution.base), globals_at(y, at_solution), found.cost, found.steps, found.result
-    )
+    return Solution(poses_at(y, at_solution.base), globals_at(y, at_solution), found.cost, found.steps, found.result)
 
 
 def succeeded(result: optx.RESULTS) -> Array:
@@ -67,7 +64,7 @@ def succeeded(result: optx.RESULTS) -> Array:
 
 def result_words(result: optx.RESULTS) -> str:
     """`converged`, or what went wrong, of one (unbatched) result."""
-    words = optx.RESULTS[result]
+    words = optx.RESULTS[jax.tree.map(jnp.asarray, result)]
     return "converged" if words == "" else str(words)
 
 

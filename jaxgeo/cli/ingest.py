@@ -1,0 +1,187 @@
+"""From a config to data: every file read once, everything checked, nothing estimated."""
+
+import dataclasses
+import hashlib
+import warnings
+from pathlib import Path
+
+import numpy as np
+
+from jaxgeo.associate import (
+    corners_to_sightings,
+    cut_visits,
+    label_visits,
+    sightings_from_trajectory,
+    survey_from_trajectory,
+)
+from jaxgeo.config.inputs import (
+    ControlPointSightingsInput,
+    CornerSightingsInput,
+    FromTrajectorySightingsInput,
+    PoseSightingsInput,
+    TrajectoryFile,
+)
+from jaxgeo.config.schema import SessionConfig
+from jaxgeo.data import Rig, Sightings, Survey, Trajectory, Visit
+from jaxgeo.georef import LocalFrame, default_origin
+from jaxgeo.io import (
+    InputWarning,
+    read_control_points,
+    read_corner_sightings,
+    read_pose_sightings,
+    read_rig,
+    read_survey,
+    read_trajectory,
+    survey_from_points,
+)
+
+
+@dataclasses.dataclass(frozen=True)
+class Ingested:
+    """One session's data. `warnings` are sentences for the user, `files` every file read."""
+
+    frame: LocalFrame
+    survey: Survey
+    sightings: Sightings
+    visits: list[Visit]
+    trajectories: dict[str, Trajectory]
+    references: dict[str, Trajectory]
+    warnings: tuple[str, ...]
+    files: tuple[Path, ...]
+
+
+def ingest(config: SessionConfig) -> Ingested:
+    """Read everything that the config names.
+
+    Raises:
+        InputError: whatever is wrong, with its place.
+    """
+    reader = _Reader()
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", InputWarning)
+        survey, sightings, said = _survey_and_sightings(config, reader)
+        trajectories = {name: reader.trajectory(t) for name, t in config.trajectories.items()}
+        references = {name: reader.trajectory(t.reference) for name, t in config.trajectories.items() if t.reference}
+    read = tuple(str(w.message) for w in caught if issubclass(w.category, InputWarning))
+    ignore = config.survey.ignore if config.survey else []
+    visits = cut_visits(sightings, config.visits.gap_s, config.visits.min_count)
+    if isinstance(config.sightings, FromTrajectorySightingsInput | ControlPointSightingsInput):
+        visits = one_visit_a_row(sightings)
+    labelled, unlabelled = label_visits(
+        visits, survey, order=config.visits.order, locations=config.visits.locations or None, ignore=ignore
+    )
+    origin = default_origin(survey.enh_m) if config.origin_enh_m is None else np.array(config.origin_enh_m)
+    frame = LocalFrame.create(config.crs, origin)
+    frame.check(survey.enh_m, survey.name)
+    return Ingested(
+        frame, survey, sightings, labelled, trajectories, references, (*read, *said, *unlabelled), tuple(reader.files)
+    )
+
+
+def one_visit_a_row(sightings: Sightings) -> list[Visit]:
+    """Sightings that are visits already: control points, rows of a true trajectory."""
+    return [
+        Visit(str(sightings.marker[i]), np.array([i]), float(sightings.stamp_s[i]), float(sightings.stamp_s[i]))
+        for i in range(len(sightings))
+    ]
+
+
+def file_hashes(files: tuple[Path, ...]) -> dict[str, str]:
+    """SHA-256 of every input, by file name."""
+    return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
+
+
+class _Reader:
+    """Reads files and remembers which."""
+
+    def __init__(self) -> None:
+        self.files: dict[Path, None] = {}
+
+    def trajectory(self, source: TrajectoryFile) -> Trajectory:
+        self.seen(source.file)
+        if source.times is not None:
+            self.seen(source.times)
+        return read_trajectory(source.file, source.format, times=source.times, rate_hz=source.rate_hz)
+
+    def seen(self, path: Path) -> Path:
+        self.files[path] = None
+        return path
+
+
+def _survey_and_sightings(
+    config: SessionConfig, reader: _Reader
+) -> tuple[Survey, Sightings, tuple[str, ...]]:
+    source = config.sightings
+    if isinstance(source, ControlPointSightingsInput):
+        survey, sightings = read_control_points(
+            reader.seen(source.file),
+            crs=config.crs,
+            columns=source.columns,
+            delimiter=source.delimiter,
+            names=source.names,
+            lever_arm_m=source.lever_arm_m,
+            sigma_m=source.survey_sigma_m,
+            sighting_sigma_m=source.sigma_m,
+        )
+        return survey, sightings, ()
+    survey = _survey(config, reader)
+    match source:
+        case CornerSightingsInput():
+            corners = read_corner_sightings(
+                reader.seen(source.file),
+                columns=source.columns,
+                delimiter=source.delimiter,
+                camera=source.camera,
+                camera_names=source.camera_names or None,
+            )
+            sightings, said = corners_to_sightings(
+                corners, _rig(config, reader), source.marker_size_m, source.pixel_sigma_px
+            )
+            return survey, sightings, said
+        case PoseSightingsInput():
+            in_body = source.frame == "body"
+            sightings = read_pose_sightings(
+                reader.seen(source.file),
+                columns=source.columns,
+                delimiter=source.delimiter,
+                sigma_m=source.sigma_m,
+                sigma_rot_rad=source.sigma_rot_rad,
+                camera=None if in_body else source.frame,
+                rig=None if in_body else _rig(config, reader),
+            )
+            return survey, sightings, ()
+        case FromTrajectorySightingsInput():
+            rows = [(visit.location, visit.row) for visit in source.visits]
+            return survey, sightings_from_trajectory(reader.trajectory(source), rows, survey, source.sigma_m), ()
+
+
+def _survey(config: SessionConfig, reader: _Reader) -> Survey:
+    source = config.survey
+    assert source is not None  # the schema requires it for these kinds of sightings
+    if source.from_trajectory is not None:
+        rows = source.from_trajectory
+        return survey_from_trajectory(reader.trajectory(rows), rows.rows, config.crs, rows.sigma_m)
+    if source.points is not None:
+        points = {name: point.model_dump(exclude_none=True) for name, point in source.points.items()}
+        return survey_from_points(
+            points, crs=config.crs, sigma_m=source.sigma_m, height_m=source.height_m, ignore=source.ignore
+        )
+    assert source.file is not None
+    return read_survey(
+        reader.seen(source.file),
+        crs=config.crs,
+        columns=source.columns,
+        delimiter=source.delimiter,
+        sigma_m=source.sigma_m,
+        sigma_floor_m=source.sigma_m,
+        height_m=source.height_m,
+        ignore=source.ignore,
+    )
+
+
+def _rig(config: SessionConfig, reader: _Reader) -> Rig:
+    source = config.rig
+    assert source is not None
+    if source.file is not None:
+        return read_rig(reader.seen(source.file))
+    return read_rig(source.model_dump(exclude_none=True))
