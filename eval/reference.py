@@ -75,6 +75,7 @@ def absolute_error(
         n_poses=len(error_m),
         error_m=error_m,
         stamp_s=kept.stamp_s,
+        aligned=align != "none",
     )
 
 

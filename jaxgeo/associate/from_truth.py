@@ -23,7 +23,8 @@ def survey_from_trajectory(
     for name, row in rows.items():
         if not 0 <= row < len(truth):
             raise SurveyError(
-                f"location '{name}': row {row} is not in the truth, which has rows 0 to {len(truth) - 1}."
+                f"survey.from_trajectory.rows: location '{name}': row {row} is not in the truth, which has rows 0 to "
+                f"{len(truth) - 1}. Are the rows of this file, and counted from 0?"
             )
     index = np.array(list(rows.values()))
     n = len(index)
@@ -52,10 +53,11 @@ def sightings_from_trajectory(
         raise SightingError("from_trajectory names no visits; expected [{location, row}, ...].")
     for name, row in visits:
         if name not in survey.name:
-            raise SightingError(f"visit of '{name}' at row {row}: the survey has {', '.join(survey.name)}.")
+            raise SightingError(f"sightings.visits: visit of '{name}' at row {row}: the survey has {', '.join(survey.name)}.")
         if not 0 <= row < len(truth):
             raise SightingError(
-                f"visit of '{name}': row {row} is not in the truth, which has rows 0 to {len(truth) - 1}."
+                f"sightings.visits: visit of '{name}': row {row} is not in the truth, which has rows 0 to "
+                f"{len(truth) - 1}. Are the rows of this file, and counted from 0?"
             )
     names = [name for name, _ in visits]
     index = np.array([row for _, row in visits])

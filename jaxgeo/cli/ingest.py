@@ -2,6 +2,7 @@
 
 import dataclasses
 import hashlib
+import os
 import warnings
 from pathlib import Path
 
@@ -64,15 +65,16 @@ def ingest(config: SessionConfig) -> Ingested:
         references = {name: reader.trajectory(t.reference) for name, t in config.trajectories.items() if t.reference}
     read = tuple(str(w.message) for w in caught if issubclass(w.category, InputWarning))
     ignore = config.survey.ignore if config.survey else []
-    visits = cut_visits(sightings, config.visits.gap_s, config.visits.min_count)
     if isinstance(config.sightings, FromTrajectorySightingsInput | ControlPointSightingsInput):
         visits = one_visit_a_row(sightings)
+    else:
+        visits = cut_visits(sightings, config.visits.gap_s, config.visits.min_count)
     labelled, unlabelled = label_visits(
         visits, survey, order=config.visits.order, locations=config.visits.locations or None, ignore=ignore
     )
     origin = default_origin(survey.enh_m) if config.origin_enh_m is None else np.array(config.origin_enh_m)
     frame = LocalFrame.create(config.crs, origin)
-    frame.check(survey.enh_m, survey.name)
+    frame.check(survey.enh_m, _survey_places(config, survey))
     return Ingested(
         frame, survey, sightings, labelled, trajectories, references, (*read, *said, *unlabelled), tuple(reader.files)
     )
@@ -87,8 +89,11 @@ def one_visit_a_row(sightings: Sightings) -> list[Visit]:
 
 
 def file_hashes(files: tuple[Path, ...]) -> dict[str, str]:
-    """SHA-256 of every input, by file name."""
-    return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
+    """SHA-256 of every input, by its path below the folder that holds them all (two folders may hold one name)."""
+    if not files:
+        return {}
+    root = Path(os.path.commonpath([path.parent for path in files]))
+    return {path.relative_to(root).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
 
 
 class _Reader:
@@ -177,6 +182,18 @@ def _survey(config: SessionConfig, reader: _Reader) -> Survey:
         height_m=source.height_m,
         ignore=source.ignore,
     )
+
+
+def _survey_places(config: SessionConfig, survey: Survey) -> list[str]:
+    """Where each location comes from, for messages."""
+    source = config.survey
+    if source is None:
+        at = str(config.sightings.file)
+    elif source.from_trajectory is not None:
+        at = str(source.from_trajectory.file)
+    else:
+        at = str(source.file or "survey.points")
+    return [f"{at}: location {name!r}" for name in survey.name]
 
 
 def _rig(config: SessionConfig, reader: _Reader) -> Rig:

@@ -3,9 +3,12 @@
 Commands import what they need when they run: `jaxgeo --help` should not wait for JAX.
 """
 
+import contextlib
+import signal
 import sys
+import threading
 import traceback
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -16,6 +19,7 @@ from jaxgeo.errors import JaxgeoError
 INTERNAL_ERROR = 1
 BAD_INPUT = 2
 INTERRUPTED = 130
+TERMINATED = 143
 
 app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False)
 
@@ -80,8 +84,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command line and return its exit code; errors are one message on stderr."""
     command = typer.main.get_command(app)
     debug = False
+    given = list(sys.argv[1:] if arguments is None else arguments)
     try:
-        with command.make_context("jaxgeo", list(sys.argv[1:] if arguments is None else arguments)) as context:
+        with _terminable(), command.make_context("jaxgeo", given) as context:
             debug = context.params["debug"]
             command.invoke(context)
     except typer.Exit as stop:
@@ -90,6 +95,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _fail(f"{error.format_message()}\nTry 'jaxgeo --help'.", BAD_INPUT)
     except (KeyboardInterrupt, typer.Abort):
         return _fail("interrupted", INTERRUPTED)
+    except _Terminated:
+        return _fail("terminated", TERMINATED)
     except JaxgeoError as error:
         return _fail(str(error), error.exit_code, debug)
     except OSError as error:
@@ -101,6 +108,27 @@ def main(arguments: Sequence[str] | None = None) -> int:
             f"{what}\nThis is a fault of jaxgeo. Please report it, with what --debug shows.", INTERNAL_ERROR, debug
         )
     return 0
+
+
+class _Terminated(BaseException):
+    """SIGTERM came: unwind, so that every temporary file is removed, and go."""
+
+
+@contextlib.contextmanager
+def _terminable() -> Iterator[None]:
+    """Turn SIGTERM into an exception, as Python does with SIGINT."""
+    if threading.current_thread() is not threading.main_thread():  # only there can signals be caught
+        yield
+        return
+
+    def stop(*_: object) -> None:
+        raise _Terminated
+
+    kept = signal.signal(signal.SIGTERM, stop)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, kept)
 
 
 def _fail(message: str, code: int, debug: bool = False) -> int:

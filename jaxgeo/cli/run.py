@@ -6,7 +6,7 @@ from pathlib import Path
 
 from jaxgeo.cli.progress import Progress
 from jaxgeo.config import dump_config, load_config
-from jaxgeo.errors import InputError
+from jaxgeo.io.atomic import check_output_folder
 
 
 def print_config(path: Path, overrides: Sequence[str]) -> None:
@@ -22,14 +22,16 @@ def run_config(path: Path, out: Path | None, overrides: Sequence[str], quiet: bo
     """
     config = load_config(path, overrides)
     out = Path("out") / config.name if out is None else out
-    if out.exists() and not out.is_dir():
-        raise InputError(f"--out {out}: a file of that name exists; expected a folder, new or old")
+    check_output_folder(out)
 
     from jaxgeo.cli.session import run_session
     from jaxgeo.export import write_session
     from jaxgeo.precision import enable_compilation_cache
 
-    enable_compilation_cache()
+    try:
+        enable_compilation_cache()
+    except OSError as error:  # a run without it is slower, not wrong
+        print(f"warning: compiled programs are not kept: {error}; set JAXGEO_CACHE to a folder", file=sys.stderr)
     with Progress(quiet) as progress:
         result = run_session(config, progress)
         progress.phase("write", str(out))

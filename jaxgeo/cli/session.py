@@ -1,7 +1,9 @@
 """The main job: one session read, each of its trajectories aligned, corrected and held out."""
 
+import contextlib
 import platform
 import time
+from collections.abc import Iterator
 from importlib.metadata import version
 
 import numpy as np
@@ -9,13 +11,13 @@ import numpy as np
 from eval.loo import LeaveOneOut, correct_and_hold_out
 from eval.reference import absolute_error
 from eval.revisit import revisit_gaps
-from jaxgeo.associate import make_anchors
+from jaxgeo.associate import make_anchors, refuse_exchanged_axes, upside_down
 from jaxgeo.cli.ingest import Ingested, file_hashes, ingest
 from jaxgeo.cli.progress import Progress
 from jaxgeo.config.inputs import TrajectoryInput
 from jaxgeo.config.schema import SessionConfig
 from jaxgeo.data import Anchors, Trajectory
-from jaxgeo.errors import SightingError
+from jaxgeo.errors import JaxgeoError
 from jaxgeo.export.result import CoarseFit, HeldOut, ReferenceError, SessionResult, TrajectoryResult
 from jaxgeo.graph.noise import OdometryNoise
 from jaxgeo.graph.noise_defaults import default_noise
@@ -35,9 +37,10 @@ def run_session(config: SessionConfig, progress: Progress) -> SessionResult:
     progress.phase("read", config.name)
     data = ingest(config)
     read_s = time.perf_counter() - started
-    trajectories = {
-        name: _run_trajectory(name, source, config, data, progress) for name, source in config.trajectories.items()
-    }
+    trajectories: dict[str, TrajectoryResult] = {}
+    for name, source in config.trajectories.items():
+        with _named(name):
+            trajectories[name] = _run_trajectory(name, source, config, data, progress)
     return SessionResult(
         name=config.name,
         frame=data.frame,
@@ -84,11 +87,7 @@ def _run_trajectory(
     anchors, said = make_anchors(
         trajectory, data.sightings, data.visits, data.survey, origin_enh_m=data.frame.origin_enh_m
     )
-    if len(set(anchors.location)) < 2 and not settings.use_rotation:
-        raise SightingError(
-            f"trajectory {name!r}: all {len(anchors)} visits are of location {anchors.location[0]!r}; expected at least "
-            "three locations off one line. Are markers' ids mapped to locations (visits.locations)?"
-        )
+    refuse_exchanged_axes(trajectory, anchors, scale=settings.coarse_scale, gravity=settings.coarse_gravity)
     if config.evaluate.leave_one_out:
         clock.phase("correct and hold out")
         found, held_out = correct_and_hold_out(trajectory, anchors, noise, settings)
@@ -98,7 +97,17 @@ def _run_trajectory(
     clock.phase("compare")
     reference = _reference_errors(source, data.references.get(name), found, data)
     clock.end()
-    return _result(name, trajectory, anchors, found, held_out, reference, noise, clock.timing_s, (*data.warnings, *said))
+    said = (*data.warnings, *said, *upside_down(np.asarray(found.fold.coarse.rotation)))
+    return _result(name, trajectory, anchors, found, held_out, reference, noise, clock.timing_s, said)
+
+
+@contextlib.contextmanager
+def _named(name: str) -> Iterator[None]:
+    """Errors say which trajectory they are about."""
+    try:
+        yield
+    except JaxgeoError as error:
+        raise type(error)(f"trajectories.{name}: {error}") from error
 
 
 def _result(
@@ -159,13 +168,17 @@ def noise_values(noise: OdometryNoise) -> dict[str, float | list[float]]:
 def _reference_errors(
     source: TrajectoryInput, reference: Trajectory | None, found: Correction, data: Ingested
 ) -> dict[str, ReferenceError]:
-    """ATE of both stages. A reference in the survey's own frame and one in a frame of its own are both aligned first."""
+    """ATE of both stages; only a reference in a frame of its own is aligned first."""
     if reference is None or source.reference is None:
         return {}
+    if source.reference.frame == "grid":
+        position_m = data.frame.to_local(reference.position_m)
+        reference = Trajectory(reference.stamp_s, position_m, reference.quat_wxyz)
+    align = "se3" if source.reference.frame == "own" else "none"
     arm = source.reference.t_body_reference_m
     return {
-        "coarse": absolute_error(found.coarse, reference, t_body_reference_m=arm),
-        "fixed": absolute_error(found.corrected, reference, t_body_reference_m=arm),
+        stage: absolute_error(estimate, reference, t_body_reference_m=arm, align=align)
+        for stage, estimate in (("coarse", found.coarse), ("fixed", found.corrected))
     }
 
 

@@ -62,8 +62,14 @@ class TrajectoryFile(Section):
 
 
 class Reference(TrajectoryFile):
-    """A reference trajectory to measure against; where its body frame sits in the trajectory's body frame."""
+    """A reference trajectory to measure against; where its body frame sits in the trajectory's body frame.
 
+    Attributes:
+        frame: `grid`: the survey's coordinates; `local`: these minus the session's origin; `own`: some frame of its own,
+            to which the estimate is first fitted (rigidly, all poses).
+    """
+
+    frame: Literal["own", "grid", "local"] = "own"
     t_body_reference_m: Vector = (0.0, 0.0, 0.0)
     rotvec_body_reference_rad: Vector = (0.0, 0.0, 0.0)
 

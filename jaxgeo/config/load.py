@@ -88,6 +88,7 @@ def _describe(detail: ErrorDetails) -> str:
     if kind in ("model_type", "model_attributes_type", "dict_type"):
         return f"{place}: found {_shown(value)}; expected a mapping (key: value)"
     text = detail["msg"].removeprefix("Value error, ").replace("Input should", "it should")
+    text = {"bool_type": "expected true or false", "too_short": "expected at least one entry"}.get(kind, text)
     # A section's own message names the keys concerned: its whole content would only hide it.
     shown = "" if isinstance(value, dict) else f"found {_shown(value)}; "
     return f"{place}: {shown}{text}" if place else f"{shown}{text}"

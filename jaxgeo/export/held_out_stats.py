@@ -81,6 +81,12 @@ def stats_by_stage(trajectory: TrajectoryResult) -> dict[str, HeldOutStats]:
     return {s: held_out_stats(trajectory.anchors.location, held_out[s]) for s in STAGES if s in held_out}
 
 
+def revisit_gap_m(gap: dict[str, float]) -> tuple[float, bool]:
+    """The gap between a location's visits as its own fold predicts it, and True; with all anchors in where it has none."""
+    held_out_m = gap.get("held_out_m", float("nan"))
+    return (held_out_m, True) if np.isfinite(held_out_m) else (gap["refined_m"], False)
+
+
 def normalised_squared_errors(
     error_m: Float[np.ndarray, "k 3"], covariance_m2: Float[np.ndarray, "k 3 3"]
 ) -> Float[np.ndarray, "k"]:

@@ -138,6 +138,11 @@ def trajectory_section(result: SessionResult, trajectory: TrajectoryResult) -> I
     if trajectory.revisit:
         yield "<h3>Revisits</h3>"
         yield revisit_table(trajectory)
+        yield paragraph(
+            "With all anchors in, the visits are tied to one surveyed position and agree by construction; held out, "
+            "neither is tied to it, and only the trajectory and the other locations hold them together.",
+            "note",
+        )
     yield from uncertainty(trajectory)
     yield "<h3>Height</h3>"
     yield figure(

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxgeo.export.held_out_stats import STAGES, HeldOutStats, final_stage, stats_by_stage
+from jaxgeo.export.held_out_stats import STAGES, HeldOutStats, final_stage, revisit_gap_m, stats_by_stage
 from jaxgeo.export.metrics import pooled_repeatability_m
 from jaxgeo.export.number_words import MISSING, LengthColumn, decimal, length_words, number_text, percent
 from jaxgeo.export.report_page import table
@@ -20,7 +20,10 @@ def comparison_table(result: SessionResult) -> str:
     for name, t in result.trajectories.items():
         stats = stats_by_stage(t)
         means = [length_words(stats[s].mean_m) if s in stats else MISSING for s in STAGES]
-        revisit = [worst_gap(t, stage) for stage in ("coarse_m", "refined_m")]
+        revisit = [
+            worst_gap([gap["coarse_m"] for gap in t.revisit.values()]),
+            worst_gap([revisit_gap_m(gap)[0] for gap in t.revisit.values()]),
+        ]
         final = stats.get(final_stage(t))
         inside = percent(final.coverage_95) if final else MISSING
         rows.append(
@@ -48,9 +51,8 @@ def comparison_table(result: SessionResult) -> str:
     return table("All trajectories of this session", columns, rows, groups=groups, text_columns=(0, 9))
 
 
-def worst_gap(trajectory: TrajectoryResult, key: str) -> str:
-    gaps = [r[key] for r in trajectory.revisit.values()]
-    return length_words(float(np.max(gaps))) if gaps else MISSING
+def worst_gap(gaps_m: list[float]) -> str:
+    return length_words(float(np.max(gaps_m))) if gaps_m else MISSING
 
 
 def residual_table(trajectory: TrajectoryResult) -> str:
@@ -128,9 +130,13 @@ def leave_one_out_table(trajectory: TrajectoryResult) -> str:
 def revisit_table(trajectory: TrajectoryResult) -> str:
     """Distance between visits to one location."""
     show = LengthColumn(*(np.array(list(r.values()), dtype=float) for r in trajectory.revisit.values()))
-    rows = [[name, show(r["coarse_m"]), show(r["refined_m"])] for name, r in trajectory.revisit.items()]
+    rows = [
+        [name, show(r["coarse_m"]), show(r["refined_m"]), show(r.get("held_out_m", float("nan")))]
+        for name, r in trajectory.revisit.items()
+    ]
     caption = f"Largest distance between the marker positions that two visits to one location predict, in {show.unit}"
-    return table(caption, ["Location", STAGE_NAME["coarse"], "corrected"], rows)
+    columns = ["Location", STAGE_NAME["coarse"], "corrected, all anchors in", "corrected, location held out"]
+    return table(caption, columns, rows)
 
 
 def calibration_table(stats: dict[str, HeldOutStats]) -> str:
@@ -156,7 +162,9 @@ def reference_table(trajectory: TrajectoryResult) -> str:
     reference = {s: trajectory.reference[s] for s in STAGES if s in trajectory.reference}
     show = LengthColumn(*(np.array([r.ate_rmse_m, r.ate_median_m]) for r in reference.values()))
     rows = [[STAGE_NAME[s], show(r.ate_rmse_m), show(r.ate_median_m), f"{r.n_poses}"] for s, r in reference.items()]
-    caption = f"Distance from the reference trajectory after one rigid alignment, in {show.unit}"
+    fitted = any(error.aligned for error in trajectory.reference.values())
+    how = "after one fit of the whole trajectory to it" if fitted else "in the same coordinates, nothing fitted"
+    caption = f"Distance from the reference trajectory, {how}, in {show.unit}"
     return table(caption, ["Stage", "RMS", "median", "poses compared"], rows)
 
 

@@ -37,13 +37,17 @@ class HeldOut:
 
 @dataclasses.dataclass(frozen=True)
 class ReferenceError:
-    """Absolute trajectory error of one stage against a reference trajectory, after one rigid alignment."""
+    """Absolute trajectory error of one stage against a reference trajectory.
+
+    `aligned`: after one fit of the whole estimate to a reference that has a frame of its own; else in the grid itself.
+    """
 
     ate_rmse_m: float
     ate_median_m: float
     n_poses: int
     error_m: Float[np.ndarray, "m"]
     stamp_s: Float[np.ndarray, "m"]
+    aligned: bool = True
 
 
 @dataclasses.dataclass(frozen=True)
@@ -59,8 +63,11 @@ class TrajectoryResult:
         anchors: the visits used.
         residual_coarse_m, residual_refined_m: (k, 3) predicted minus surveyed, all anchors in.
         held_out: by stage.
-        revisit: by location with two or more visits: {"coarse_m": .., "refined_m": ..}, the largest distance between
-            two visits' predicted positions, the location's own coordinates unused in the refined figure.
+        revisit: by location with two or more visits, the largest distance between two visits' predicted positions:
+            {"coarse_m": .., "refined_m": .., "held_out_m": ..}. `coarse_m` and `refined_m` are with all anchors in, so
+            that the graph itself pulls the visits together (the figure that studies report); `held_out_m` is of
+            the fold that held the location out: the honest one. It is missing where nothing was held out, NaN where
+            the fold failed.
         reference: by stage, empty where no reference was given.
         noise: noise values used, by stage, as written to noise.json.
         log_scale: estimated log-scale of the odometry and its standard deviation (0, 0 where it is not estimated).

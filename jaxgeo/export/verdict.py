@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 
-from jaxgeo.export.held_out_stats import MIN_CHECK_POINTS, HeldOutStats, final_stage, stats_by_stage
+from jaxgeo.export.held_out_stats import MIN_CHECK_POINTS, HeldOutStats, final_stage, revisit_gap_m, stats_by_stage
 from jaxgeo.export.number_words import length_words
 from jaxgeo.export.result import TrajectoryResult
 
@@ -98,14 +98,19 @@ def revisit_sentences(trajectory: TrajectoryResult) -> tuple[str, ...]:
     """How well two visits to one place agree."""
     if not trajectory.revisit:
         return ("No location was visited twice, so the trajectory could not be checked against itself.",)
-    name, gap = max(trajectory.revisit.items(), key=lambda item: np.nan_to_num(item[1]["refined_m"], nan=np.inf))
+    name, gap = max(trajectory.revisit.items(), key=lambda item: np.nan_to_num(revisit_gap_m(item[1])[0], nan=np.inf))
+    gap_m, held_out = revisit_gap_m(gap)
     where = (
         f"at {name}" if len(trajectory.revisit) == 1 else f"at {name}, the worst of {len(trajectory.revisit)} locations"
     )
-    return (
-        f"Visits to one location disagree by {length_words(gap['refined_m'])} {where} (one-time similarity: "
-        f"{length_words(gap['coarse_m'])}); the location's own coordinates were not used for this.",
-    )
+    found = f"Visits to one location disagree by {length_words(gap_m)} {where}"
+    before = f"one-time similarity: {length_words(gap['coarse_m'])}"
+    if held_out:
+        return (
+            f"{found} when neither visit is tied to it ({before}; with all anchors in: "
+            f"{length_words(gap['refined_m'])}).",
+        )
+    return (f"{found} with all anchors in, which pulls them together ({before}); there is no held-out figure.",)
 
 
 def worst(*levels: str) -> str:

@@ -115,6 +115,8 @@ def wgs84_operation(crs: GridCrs, near_deg: tuple[float, float] | None = None) -
         group = TransformerGroup(
             crs.horizontal, "EPSG:4326", always_xy=True, area_of_interest=area, allow_ballpark=False
         )
+    if not group.transformers and near_deg is not None:  # outside every region: an origin may lie off the site
+        return wgs84_operation(crs)
     if not group.transformers:
         raise SurveyError(
             f"crs {crs.text!r} ({crs.name}) has no operation to WGS84 without grid files from the network; "

@@ -1,6 +1,6 @@
 """Readers and writers: one format a file, every refusal with file and line, every file written whole or not at all."""
 
-from jaxgeo.io.atomic import atomic_path, output_folder, write_lines
+from jaxgeo.io.atomic import atomic_path, check_output_folder, output_folder, write_lines
 from jaxgeo.io.checks import validated_trajectory
 from jaxgeo.io.control_points import read_control_points
 from jaxgeo.io.euroc import read_euroc, write_euroc
@@ -24,6 +24,7 @@ __all__ = [
     "InputWarning",
     "RoundedInputWarning",
     "atomic_path",
+    "check_output_folder",
     "float_columns",
     "output_folder",
     "read_control_points",

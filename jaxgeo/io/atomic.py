@@ -3,7 +3,9 @@
 import contextlib
 import os
 import shutil
+import signal
 import tempfile
+import threading
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
@@ -48,9 +50,8 @@ def output_folder(folder: str | Path) -> Iterator[Path]:
     Raises:
         InputError: `folder` is a file, its parent cannot be written to, or a file would replace a folder.
     """
+    check_output_folder(folder)
     target = Path(os.path.realpath(folder))
-    if target.exists() and not target.is_dir():
-        raise InputError(f"{folder}: is a file, expected a folder to write into.")
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         temporary = Path(tempfile.mkdtemp(dir=target.parent, prefix=f".{target.name}.", suffix=".tmp"))
@@ -62,13 +63,29 @@ def output_folder(folder: str | Path) -> Iterator[Path]:
         files = [file for file in temporary.rglob("*") if file.is_file()]
         for file in files:
             _sync(file)
-        if target.exists():
-            _move_into(target, temporary, files)
-        else:
-            os.replace(temporary, target)
-        _sync(target.parent)
+        with _uninterrupted():
+            if target.exists():
+                _move_into(target, temporary, files)
+            else:
+                os.replace(temporary, target)
+            _sync(target.parent)
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
+
+
+def check_output_folder(folder: str | Path) -> None:
+    """Refuse an output folder that cannot be written to: better before a long computation than after it.
+
+    Raises:
+        InputError: it, or the nearest folder above it that exists, is a file or not writable.
+    """
+    target = Path(os.path.realpath(folder))
+    place = next(p for p in (target, *target.parents) if os.path.lexists(p))
+    if not place.is_dir():
+        what = "is a file" if place == target else f"{place} is a file"
+        raise InputError(f"{folder}: {what}, expected a folder to write into. Name another folder.")
+    if not os.access(place, os.W_OK | os.X_OK):
+        raise InputError(f"{folder}: cannot write into {place}: Permission denied. Name another folder.")
 
 
 def write_lines(path: str | Path, lines: Iterable[str]) -> None:
@@ -89,6 +106,23 @@ def _move_into(target: Path, temporary: Path, files: list[Path]) -> None:
     for file, place in moves:
         os.replace(file, place)
     _sync(target)
+
+
+@contextlib.contextmanager
+def _uninterrupted() -> Iterator[None]:
+    """Interrupts and terminations wait until the block is done: half of the files moved is what must not be left."""
+    if threading.current_thread() is not threading.main_thread():  # only there can signals be caught
+        yield
+        return
+    came: list[int] = []
+    kept = {number: signal.signal(number, lambda n, _: came.append(n)) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, handler in kept.items():
+            signal.signal(number, handler)
+    for number in came:
+        signal.raise_signal(number)
 
 
 def _umask() -> int:

@@ -38,7 +38,7 @@ def validated_trajectory(
             or quaternions that are not of unit length.
     """
     if len(stamp_s) < 2:
-        raise TrajectoryError(f"{path}: {len(stamp_s)} pose(s), expected at least 2.")
+        raise TrajectoryError(f"{path}: {len(stamp_s)} pose(s), expected at least 2. Is the file complete?")
     check_finite(path, lines, np.column_stack([stamp_s, position_m, quat_wxyz]), TrajectoryError)
     check_seconds(path, lines, stamp_s, TrajectoryError)
     check_increasing(path, lines, stamp_s, TrajectoryError)

@@ -65,9 +65,10 @@ def _missing(
     if not table.header:
         return (
             f"{table.path}: no header line names the {table.n_columns} columns. Add one ({expected}), or say which "
-            f"column is which: columns: {{{', '.join(f'{role}: {i}' for i, role in enumerate(required))}}}."
+            f"column is which, counted from 0, such as columns: {{{', '.join(f'{role}: {i}' for i, role in enumerate(required))}}}."
         )
+    one = " All stand in one column: is the separator another one (`delimiter`)?" if table.n_columns == 1 else ""
     return (
         f"{table.path}: no column for {', '.join(missing)}; the header has {', '.join(table.header)}, expected at "
-        f"least {expected}. Rename the columns, or map them with `columns`."
+        f"least {expected}. Rename the columns, or map them with `columns`.{one}"
     )

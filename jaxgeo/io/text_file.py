@@ -16,11 +16,11 @@ def read_lines(path: str | Path, error: type[InputError] = InputError) -> list[s
     except FileNotFoundError:
         raise error(f"{path}: no such file. Check the path (in a config: relative to the config file).") from None
     except IsADirectoryError:
-        raise error(f"{path}: is a folder, expected a text file.") from None
+        raise error(f"{path}: is a folder, expected a text file. Name the file in it.") from None
     except OSError as failure:
         raise error(f"{path}: cannot be read: {failure.strerror}.") from None
     if not data.strip():
-        raise error(f"{path}: the file is empty.")
+        raise error(f"{path}: the file is empty. Was writing it cut off? Make it anew, or name another.")
     zero = data.find(b"\0")
     if zero >= 0:
         raise error(_not_text(path, data, zero))

@@ -69,14 +69,16 @@ def read_table(path: str | Path, *, delimiter: str | None = None, error: type[In
     stripped = [text.strip() for text in lines]
     number = [i for i, text in enumerate(stripped, start=1) if text and text[0] != "#"]
     if not number:
-        raise error(f"{path}: no data rows, only comments.")
+        raise error(f"{path}: no data rows, only comments. Is this the right file, and complete?")
     first = lines[number[0] - 1]
     titled = not any(_is_number(cell) for cell in _split(first, _chosen(delimiter, first)))
     title = first if titled else ""
     if titled:
         number = number[1:]
         if not number:
-            raise error(f"{path}:{len(lines)}: a header ({title.strip()!r}) but no data rows.")
+            raise error(
+                f"{path}:{len(lines)}: a header ({title.strip()!r}) but no data rows. Is the file complete?"
+            )
     rows = [lines[i - 1] for i in number]
     table = table_of_rows(path, rows, np.array(number), delimiter=_chosen(delimiter, rows[0]), error=error)
     titles = [title] if titled else [text.lstrip("# ") for text in stripped[: number[0] - 1] if text]

@@ -85,7 +85,14 @@ def _float(loader: _Loader, node: yaml.ScalarNode) -> float:
     return float(text.replace(".inf", "inf").replace(".nan", "nan"))
 
 
+def _unknown_tag(loader: _Loader, node: yaml.Node) -> Any:
+    raise yaml.MarkedYAMLError(
+        problem=f"the tag {node.tag!r} is not plain data: remove it", problem_mark=node.start_mark
+    )
+
+
 _Loader.add_constructor("tag:yaml.org,2002:int", _int)
+_Loader.add_constructor(None, _unknown_tag)
 _Loader.add_constructor("tag:yaml.org,2002:float", _float)
 
 

@@ -43,7 +43,7 @@ def _config(session: SimulatedSession) -> dict:
                 "file": f"{name}.tum",
                 "format": "tum",
                 "odometry": "lidar",
-                "reference": {"file": "truth.tum", "format": "tum"},
+                "reference": {"file": "truth.tum", "format": "tum", "frame": "local"},
             }
             for name in session.trajectories
         },

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxgeo.data import Anchors, Trajectory
-from jaxgeo.errors import ConvergenceError, UndeterminedError
+from jaxgeo.errors import ConvergenceError, SightingError, UndeterminedError
 from jaxgeo.geometry.robust import RobustKind
 from jaxgeo.geometry.sim3 import Sim3, sim3_apply_trajectory
 from jaxgeo.graph.anchor_table import AnchorTable, anchor_table
@@ -94,6 +94,7 @@ def correct(trajectory: Trajectory, anchors: Anchors, noise: OdometryNoise, sett
     """Georeference one trajectory with all its anchors.
 
     Raises:
+        SightingError: rotations are to be used, and no anchor has one.
         UndeterminedError: the anchors leave a direction of the frame free; names it.
         ConvergenceError: the solver stopped early; names its result code and steps.
     """
@@ -113,12 +114,17 @@ def correct_with_folds(
     """The same, and the folds that use only some of the anchors (rows of `use`), in one compiled call.
 
     Raises:
-        UndeterminedError, ConvergenceError: as `correct`, of the correction with all anchors. A fold carries its own
-            result code.
+        SightingError, UndeterminedError, ConvergenceError: as `correct`, of the correction with all anchors. A fold
+            carries its own result code.
     """
     assert_float64()
     chain = chain_of(trajectory)
     table = anchor_table(anchors, chain, settings.extra_sigma_m)
+    if settings.use_rotation and not np.any(table.has_rotation):
+        raise SightingError(
+            f"anchors.use_rotation is on, but none of the {len(anchors)} anchors has a rotation: the survey must give "
+            "rx, ry, rz, and the sightings must be unambiguous marker poses. Add them, or set it to false."
+        )
     rows = np.zeros((1 + len(use) + -(1 + len(use)) % batch, table.real.shape[0]))
     rows[:, : len(anchors)] = 1.0
     rows[1 : 1 + len(use), : len(anchors)] = use
@@ -126,7 +132,7 @@ def correct_with_folds(
     found, poses = solve_folds(chain, table, noise, jnp.asarray(rows), width, options, batch)
     found = jax.tree.map(np.asarray, found)
     fold = jax.tree.map(lambda x: x[0], found)
-    _check(fold, anchors)
+    _check(fold, anchors, settings.max_steps)
     covariance = _covariances(chain, table, noise, width, options, poses, fold.solution.glob)
     correction = _correction(trajectory, chain, fold, poses, np.asarray(covariance))
     return correction, jax.tree.map(lambda x: x[1 : 1 + len(use)], found)
@@ -157,19 +163,23 @@ def _from_measured(coarse: Sim3, chain: Chain) -> Sim3:
     return Sim3(coarse.scale, coarse.rotation, coarse.translation_m - shift)
 
 
-def _check(fold: Fold, anchors: Anchors) -> None:
+def _check(fold: Fold, anchors: Anchors, max_steps: int) -> None:
     if not bool(fold.determined):
         free = free_direction_words(np.asarray(fold.gauge_sigma), np.asarray(fold.gauge_direction))
         places = sorted(set(anchors.location))
         raise UndeterminedError(
             f"the {len(anchors)} anchors at {len(places)} location(s) ({', '.join(places[:8])}) do not fix the frame: "
-            f"{free} (map axes). Three locations off one line are needed: survey one to the side of the line, or, "
-            "where the markers' rotations are surveyed, set anchors.use_rotation: true."
+            f"{free}. Three locations off one line are needed: survey one to the side of the line, or, where the "
+            "markers' rotations are surveyed, set anchors.use_rotation: true. Are all visits tied to their own location "
+            "(visits.order, visits.locations)?"
         )
     if not bool(succeeded(fold.solution.result)):
+        left_m = np.linalg.norm(np.asarray(fold.coarse_point_m)[: len(anchors)] - anchors.surveyed_enh_m, axis=1)
+        worst = int(np.argmax(left_m))
         raise ConvergenceError(
             f"the pose graph did not converge: {result_words(fold.solution.result)} after {int(fold.solution.steps)} "
-            f"steps at cost {float(fold.solution.cost):.6g}. Check for wrong anchors (their residuals after the coarse "
-            "fit are the first place to look) or odometry noise far too small; anchors.loss: cauchy tolerates wrong "
-            "anchors."
+            f"of {max_steps} steps (solver.max_steps) at cost {float(fold.solution.cost):.6g}. After the coarse fit "
+            f"visit {anchors.label[worst]!r} is farthest off, by {left_m[worst]:.3g} m, the median visit by "
+            f"{np.median(left_m):.3g} m. Check for wrong anchors (anchors.loss: cauchy tolerates some), odometry noise "
+            "far too small, or too few steps."
         )

@@ -86,8 +86,9 @@ def solve_fold(
     use = use * table.real
     graph, coarse, coarse_rms, origin = fold_graph(chain, table, noise, use, loss_width, options)
     point = _map_points(chain, table)
+    # Where the anchors were surveyed, not where the map has them: drift between two visits of one point is no baseline.
     sigma, direction = gauge_covariance(
-        point, graph.anchors.sqrt_information, _rotation_information(graph, chain, options)
+        graph.anchors.measured_m, graph.anchors.sqrt_information, _rotation_information(graph, options)
     )
     solution = solve_graph(graph, options.max_steps)
     at = at_anchors(solution.poses, graph)
@@ -170,9 +171,9 @@ def _rotations(poses: Poses, index: Int[Array, "k"]) -> Float[Array, "k 3 3"]:
     return jnp.stack([jnp.stack(row, axis=-1) for row in rows], axis=-2)
 
 
-def _rotation_information(graph: PoseGraph, chain: Chain, options: FoldOptions) -> Float[Array, "k 3 3"]:
-    """Information of the surveyed rotations about the map's axes; zero where the graph does not use them."""
-    rotation = _rotations(chain.start, graph.anchors.pose_index)
+def _rotation_information(graph: PoseGraph, options: FoldOptions) -> Float[Array, "k 3 3"]:
+    """Information of the surveyed rotations about the grid's axes; zero where the graph does not use them."""
+    rotation = _rotations(graph.base, graph.anchors.pose_index)
     weight = graph.anchors.sqrt_information_rotation @ jnp.swapaxes(rotation, -1, -2)
     return jnp.swapaxes(weight, -1, -2) @ weight * float(options.terms.rotation)
 

@@ -64,7 +64,10 @@ def succeeded(result: optx.RESULTS) -> Array:
 
 def result_words(result: optx.RESULTS) -> str:
     """`converged`, or what went wrong, of one (unbatched) result."""
-    words = optx.RESULTS[jax.tree.map(jnp.asarray, result)]
+    result = jax.tree.map(jnp.asarray, result)
+    if bool(result == optx.RESULTS.nonlinear_max_steps_reached):
+        return "too many steps"  # optimistix says it in three sentences
+    words = optx.RESULTS[result]
     return "converged" if words == "" else str(words)
 
 

@@ -68,14 +68,14 @@ def test_too_many_visits_are_listed_with_the_gap_that_would_join_them():
     with pytest.raises(SightingError) as error:
         label_visits(_visits("", "", "", "", pauses=[10.0, 4.5, 60.0]), _survey("A", "B"), order=["A", "B"])
     message = str(error.value)
-    assert "4 visits were found but the order names 2: A, B." in message
+    assert "4 visits were found but visits.order names 2: A, B." in message
     assert "2: 10.000 to 11.000 s, 3 sightings" in message
-    assert "Raise gap_s (at 9 s " in message  # pauses of 3.5, 9 and 59 s: the two shortest must close
+    assert "Raise visits.gap_s (at 9 s " in message  # pauses of 3.5, 9 and 59 s: the two shortest must close
 
 
 def test_too_few_visits_are_listed_with_a_hint():
     with pytest.raises(
-        SightingError, match=r"(?s)1 visits were found but the order names 2.*1: 0.000 to 1.000.*Lower gap_s"
+        SightingError, match=r"(?s)1 visits were found but visits.order names 2.*1: 0.000 to 1.000.*Lower visits.gap_s"
     ):
         label_visits(_visits(""), _survey("A", "B"), order=["A", "B"])
 
@@ -88,8 +88,8 @@ def test_an_order_over_several_ids_says_so():
 @pytest.mark.parametrize(
     ("markers", "options", "message"),
     [
-        (["", ""], {"order": ["A", "X"]}, "the visiting order names 'X'. The survey has A, B."),
-        (["6"], {"locations": {"6": "T6"}}, "`locations` names 'T6'. The survey has A, B."),
+        (["", ""], {"order": ["A", "X"]}, "visits.order names 'X'. The survey has A, B."),
+        (["6"], {"locations": {"6": "T6"}}, "visits.locations names 'T6'. The survey has A, B."),
         (["A", ""], {}, r"1 of 2 visits have no decoded id \(the first from 10.000 s\); give the visiting order"),
         (["8"], {}, r"none of the 1 visits belongs to a surveyed location.*'8' \(3 in 1 visits\).*The survey has A, B"),
     ],

@@ -90,7 +90,7 @@ def trajectory_result(name: str, survey: dict, n_poses: int, drift: float, seed:
         residual_coarse_m=residual_coarse_m,
         residual_refined_m=rng.normal(0.0, 0.01, (len(ORDER), 3)),
         held_out=make_held_out(rng, residual_coarse_m, drift),
-        revisit={"A": {"coarse_m": 2.24 * drift, "refined_m": 0.031 * drift}},
+        revisit={"A": {"coarse_m": 2.24 * drift, "refined_m": 0.031 * drift, "held_out_m": 0.47 * drift}},
         reference={s: make_reference(rng, stamp_s, scale) for s, scale in zip(STAGES, (0.8, 0.2, 0.15), strict=True)},
         noise={"fixed": {"sigma_trans": 0.02, "sigma_rot": 0.003}, "learned": {"sigma_trans": 0.031, "evidence": None}},
         log_scale=(0.0031, 0.0008),

@@ -26,7 +26,7 @@ def test_keys_of_the_contract(session):
     icp = metrics["trajectories"]["icp"]
     assert (icp["n_poses"], icp["n_visits"], icp["n_locations"], icp["n_anchors"]) == (300, 7, 6, 7)
     assert set(icp["coarse"]) == {"scale", "rms_m"}
-    assert icp["revisit"] == {"A": {"coarse_m": 2.24, "refined_m": 0.031}}
+    assert icp["revisit"] == {"A": {"coarse_m": 2.24, "refined_m": 0.031, "held_out_m": 0.47}}
     assert set(icp["loo"]) == set(icp["reference"]) == {"coarse", "fixed", "learned"}
     assert {"mean_m", "rms_m", "per_location", "per_visit"} <= set(icp["loo"]["fixed"])
     assert {"ate_rmse_m", "ate_median_m"} <= set(icp["reference"]["learned"])

@@ -177,6 +177,40 @@ def test_report_without_held_out_errors_revisits_or_reference(session):
     assert len(figures(page)) == 4
 
 
+def revisit_words(session, revisit):
+    icp = replaced(session.trajectories["icp"], revisit=revisit)
+    text = Outline(report_html(replaced(session, trajectories={"icp": icp}))).text
+    return verdict(icp).sentences[-1], text
+
+
+def test_revisits_are_judged_by_the_fold_that_held_the_location_out(session):
+    """B is worse held out though A is worse with all anchors in."""
+    sentence, text = revisit_words(
+        session,
+        {
+            "A": {"coarse_m": 2.24, "refined_m": 0.05, "held_out_m": 0.30},
+            "B": {"coarse_m": 1.10, "refined_m": 0.01, "held_out_m": 0.47},
+        },
+    )
+    assert sentence == (
+        "Visits to one location disagree by 47.0\u202fcm at B, the worst of 2 locations when neither visit is tied to it "
+        "(one-time similarity: 1.10\u202fm; with all anchors in: 1.0\u202fcm)."
+    )
+    assert "A 224.0 5.0 30.0 B 110.0 1.0 47.0" in text
+
+
+@pytest.mark.parametrize("gap", [{}, {"held_out_m": float("nan")}])
+def test_a_revisit_without_a_held_out_figure_says_so(session, gap):
+    sentence, text = revisit_words(session, {"A": {"coarse_m": 2.24, "refined_m": 0.05, **gap}})
+    assert "disagree by 5.0\u202fcm at A with all anchors in, which pulls them together" in sentence
+    assert "there is no held-out figure" in sentence
+    assert "A 224.0 5.0 –" in text
+
+
+def test_largest_revisit_gap_of_the_comparison_is_the_held_out_one(page):
+    assert "2.24 m 47.0 cm" in Outline(page).text
+
+
 def test_lengths_in_words():
     assert [length_words(x) for x in (1234.4, 12.34, 1.234, 0.1234, 0.00123, -0.0004, float("nan"))] == [
         "1\u202f234\u202fm",

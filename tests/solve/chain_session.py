@@ -74,6 +74,7 @@ def anchors_at(
     lever_m: float = 0.0,
     sigma_m: float = 0.05,
     sigma_rot_rad: float | None = None,
+    error_size: float = 1.0,
     location: tuple[str, ...] | None = None,
 ) -> Anchors:
     """Anchors on the true poses of `index`, their surveyed positions (and rotations) drawn with full covariances."""
@@ -83,12 +84,14 @@ def anchors_at(
     lever = lever_m * rng.uniform(0.5, 1.5, (k, 3)) * rng.choice([-1.0, 1.0], (k, 3))
     survey = _covariances(rng, k, sigma_m)
     marker = body * RigidTransform.from_translation(lever)
-    error = np.einsum("kij,kj->ki", np.linalg.cholesky(survey), rng.standard_normal((k, 3)))
+    error = error_size * _drawn(rng, survey)
     seen, surveyed = np.full((k, 4), np.nan), np.full((k, 4), np.nan)
     rotation = np.zeros((k, 3, 3))
     if sigma_rot_rad is not None:
         rotation = _covariances(rng, k, sigma_rot_rad)
-        turned = Rotation.from_rotvec(np.einsum("kij,kj->ki", np.linalg.cholesky(rotation), rng.standard_normal((k, 3))))
+        turned = Rotation.from_rotvec(
+            np.einsum("kij,kj->ki", np.linalg.cholesky(rotation), rng.standard_normal((k, 3)))
+        )
         body_marker = Rotation.random(k, rng=rng)
         seen = body_marker.as_quat(scalar_first=True)
         surveyed = (body.rotation * turned * body_marker).as_quat(scalar_first=True)
@@ -118,17 +121,19 @@ def _covariances(rng: np.random.Generator, k: int, sigma: float) -> np.ndarray:
     return np.einsum("kij,kj,klj->kil", turn, (sigma * rng.uniform(0.5, 1.5, (k, 3))) ** 2, turn)
 
 
-def session(
-    n: int, k: int = 7, seed: int = 0, *, noise: OdometryNoise = NOISE, odometry_noise_size: float = 1.0, **anchor_options
-) -> Session:
-    """`n` poses, `k` anchors from first to last pose."""
+def _drawn(rng: np.random.Generator, covariance: np.ndarray) -> np.ndarray:
+    return np.einsum("kij,kj->ki", np.linalg.cholesky(covariance), rng.standard_normal(covariance.shape[:2]))
+
+
+def session(n: int, k: int = 7, seed: int = 0, *, error_size: float = 1.0, **anchor_options) -> Session:
+    """`n` poses, `k` anchors from first to last pose; `error_size` 0: nothing in it is wrong."""
     truth = walk(n)
     index = np.linspace(0, n - 1, k).astype(int)
     return Session(
         trajectory_of(truth),
-        trajectory_of(drifted(truth, noise, seed, odometry_noise_size)),
-        anchors_at(truth, index, seed, **anchor_options),
-        noise,
+        trajectory_of(drifted(truth, NOISE, seed, error_size)),
+        anchors_at(truth, index, seed, error_size=error_size, **anchor_options),
+        NOISE,
     )
 
 

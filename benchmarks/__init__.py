@@ -1,0 +1,1 @@
+"""Benchmarks: the solver against GTSAM, and every real session from end to end."""

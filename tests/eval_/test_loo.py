@@ -1,0 +1,131 @@
+"""Leave-one-location-out: folds against plain loops, and not a bit of a held-out location in its own fold."""
+
+import dataclasses
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from eval.loo import LeaveOneOut, correct_and_hold_out
+from eval.revisit import revisit_gaps
+from jaxgeo.associate import cut_visits, label_visits, make_anchors
+from jaxgeo.data import Anchors, Trajectory
+from jaxgeo.graph.anchor_table import anchor_table
+from jaxgeo.graph.chain import chain_of
+from jaxgeo.graph.noise import OdometryNoise
+from jaxgeo.graph.noise_defaults import default_noise
+from jaxgeo.simulate.session import ORDER, ORIGIN_ENH_M, simulate_session
+from jaxgeo.solve.correct import Settings, correct
+from jaxgeo.solve.fold import Fold, solve_folds
+
+
+@pytest.fixture(scope="module")
+def session() -> tuple[Trajectory, Anchors]:
+    simulated = simulate_session(seed=3)
+    visits, _ = label_visits(cut_visits(simulated.sightings, 5.0), simulated.survey, order=list(ORDER))
+    trajectory = simulated.trajectories["icp"]
+    anchors, _ = make_anchors(trajectory, simulated.sightings, visits, simulated.survey, origin_enh_m=ORIGIN_ENH_M)
+    return trajectory, anchors
+
+
+NOISE = default_noise("lidar")
+SETTINGS = Settings()
+
+
+def hold_out(trajectory: Trajectory, anchors: Anchors, noise: OdometryNoise = NOISE) -> LeaveOneOut:
+    return correct_and_hold_out(trajectory, anchors, noise, SETTINGS)[1]
+
+
+def own_fold(trajectory: Trajectory, anchors: Anchors, location: str) -> Fold:
+    """All that the fold without a location finds: coarse fit, origin, predictions, covariances, cost and result."""
+    chain = chain_of(trajectory)
+    table = anchor_table(anchors, chain)
+    use = np.zeros((1, table.real.shape[0]))
+    use[0, : len(anchors)] = [name != location for name in anchors.location]
+    found, _ = solve_folds(chain, table, NOISE, jnp.asarray(use), jnp.asarray(3.0), SETTINGS.fold_options(NOISE))
+    return jax.tree.map(lambda x: np.asarray(x)[0], found)
+
+
+def without(anchors: Anchors, location: str) -> tuple[Anchors, np.ndarray]:
+    """The anchors of all other locations, and which rows those are."""
+    rows = np.array([i for i, name in enumerate(anchors.location) if name != location])
+    fields = {f.name: getattr(anchors, f.name) for f in dataclasses.fields(anchors)}
+    kept = {n: tuple(v[i] for i in rows) if isinstance(v, tuple) else v[rows] for n, v in fields.items()}
+    kept["location_index"] = np.unique(kept["location_index"], return_inverse=True)[1]
+    return Anchors(**kept), rows
+
+
+def moved(anchors: Anchors, location: str, by_m: np.ndarray) -> Anchors:
+    here = np.array([name == location for name in anchors.location])
+    shifted = np.where(here[:, None], anchors.surveyed_enh_m + by_m, anchors.surveyed_enh_m)
+    return eqx.tree_at(lambda a: a.surveyed_enh_m, anchors, shifted)
+
+
+def test_every_fold_equals_a_correction_without_the_location(session):
+    trajectory, anchors = session
+    found = hold_out(trajectory, anchors)
+    for location in dict.fromkeys(anchors.location):
+        fewer, _ = without(anchors, location)
+        corrected = correct(trajectory, fewer, NOISE, SETTINGS).corrected
+        for i in (i for i, name in enumerate(anchors.location) if name == location):
+            w, *v = corrected.quat_wxyz[anchors.pose_index[i]]
+            arm, v = anchors.lever_arm_m[i], np.array(v)
+            turned = arm + 2 * w * np.cross(v, arm) + 2 * np.cross(v, np.cross(v, arm))
+            expected = corrected.position_m[anchors.pose_index[i]] + turned
+            np.testing.assert_allclose(found.point_m[i], expected, atol=1e-6)
+
+
+def test_held_out_coordinates_reach_nothing_of_their_own_fold(session):
+    trajectory, anchors = session
+    for location in ("A", "D"):
+        here = np.array([name == location for name in anchors.location])
+        by_m = np.array([100.0, -100.0, 7.3])
+        fold, shifted = (
+            jax.tree.leaves(own_fold(trajectory, a, location)) for a in (anchors, moved(anchors, location, by_m))
+        )
+        assert len(fold) == len(shifted) > 10
+        for a, b in zip(fold, shifted, strict=True):
+            np.testing.assert_array_equal(a, b)
+        others = own_fold(trajectory, moved(anchors, anchors.location[1], 0.1 * by_m), location)
+        assert (
+            np.abs(
+                others.point_m[: len(anchors)][here]
+                - own_fold(trajectory, anchors, location).point_m[: len(anchors)][here]
+            ).max()
+            > 0.1
+        ), "a location that is not held out must be seen"
+
+
+def test_the_session_origin_reaches_no_fold(session):
+    # Whole kilometres, as another default origin would differ by: predictions move with it, to the last bit but one.
+    trajectory, anchors = session
+    by_m = np.array([3000.0, -2000.0, 100.0])
+    shifted = hold_out(trajectory, eqx.tree_at(lambda a: a.surveyed_enh_m, anchors, anchors.surveyed_enh_m + by_m))
+    np.testing.assert_allclose(shifted.point_m - by_m, hold_out(trajectory, anchors).point_m, atol=1e-8)
+
+
+def test_a_fold_that_is_not_determined_says_so(session):
+    trajectory, anchors = session
+    three, _ = without(anchors, "A")
+    for location in ("B", "C", "D"):
+        if len(set(three.location)) > 3:
+            three, _ = without(three, location)
+    found = hold_out(trajectory, three)
+    assert np.isnan(found.refined.error_enh_m).all()
+    assert all("undetermined" in words for words in found.refined.result)
+
+
+def test_predicted_covariance_is_that_of_the_error(session):
+    trajectory, anchors = session
+    found = hold_out(trajectory, anchors).refined
+    nees = np.einsum("ka,kab,kb->k", found.error_enh_m, np.linalg.inv(found.covariance_m2), found.error_enh_m)
+    assert 0.3 < nees.mean() / 3 < 3.0  # simulated with the noise near the defaults: NEES of 7 visits, mean about 1
+    loose = hold_out(trajectory, anchors, default_noise("lidar", sigma_trans_m_per_sqrt_m=0.2)).refined
+    assert (np.trace(loose.covariance_m2, axis1=1, axis2=2) > np.trace(found.covariance_m2, axis1=1, axis2=2)).all()
+
+
+def test_revisit_gap_is_the_largest_distance_between_visits():
+    points = {"coarse_m": np.array([[0.0, 0, 0], [3, 4, 0], [9, 9, 9], [0, 0, 1]])}
+    assert revisit_gaps(("A", "A", "B", "A"), points) == {"A": {"coarse_m": pytest.approx(np.sqrt(26))}}

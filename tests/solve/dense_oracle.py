@@ -1,0 +1,41 @@
+"""The graph as a dense least-squares problem: automatic derivatives of the residual function, then NumPy."""
+
+import jax
+import numpy as np
+from jax.flatten_util import ravel_pytree
+
+from jaxgeo.graph.pose_graph import PoseGraph, residuals, zero_increments
+
+
+@jax.jit
+def _residual_and_jacobian(graph: PoseGraph) -> tuple[jax.Array, jax.Array]:
+    zero, unravel = ravel_pytree(zero_increments(graph))
+
+    def flat(y: jax.Array) -> jax.Array:
+        return ravel_pytree(residuals(unravel(y), graph))[0]
+
+    return flat(zero), jax.jacfwd(flat)(zero)
+
+
+def dense_system(graph: PoseGraph, n: int) -> tuple[np.ndarray, np.ndarray]:
+    """Whitened residuals and their Jacobian; columns: 6 a real pose (world-frame increment), then globals."""
+    residual, jacobian = (np.asarray(part) for part in _residual_and_jacobian(graph))
+    padded = graph.chain.length_m.shape[0]
+    used = [True] * 6 if graph.terms.bias else [False] * 6
+    globals_used = 6 * padded + np.flatnonzero([*used, graph.terms.log_scale])
+    poses = (np.arange(6)[None, :] * padded + np.arange(n)[:, None]).reshape(-1)
+    return residual, jacobian[:, np.concatenate([poses, globals_used])]
+
+
+def dense_covariance(jacobian: np.ndarray) -> np.ndarray:
+    """(J'J)^-1 by QR, columns scaled first: metres and radians differ by 1e6."""
+    size = np.linalg.norm(jacobian, axis=0)
+    inverse = np.linalg.inv(np.linalg.qr(jacobian / size, mode="r"))
+    return inverse @ inverse.T / np.outer(size, size)
+
+
+def edge_coordinates(n: int, g: int) -> np.ndarray:
+    """The matrix from edges' increments to poses' increments, `delta_i = sum_(k<=i) w_k`; globals stay."""
+    found = np.eye(6 * n + g)
+    found[: 6 * n, : 6 * n] = np.kron(np.tril(np.ones((n, n))), np.eye(6))
+    return found
