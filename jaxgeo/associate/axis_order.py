@@ -35,9 +35,9 @@ def refuse_exchanged_axes(trajectory: Trajectory, anchors: Anchors, *, scale: bo
     sigma_m = np.sqrt(np.einsum("kii->k", anchors.lever_covariance_m2 + anchors.survey_covariance_m2).mean())
     if given_m > _TIMES_BETTER * max(exchanged_m, sigma_m):
         raise SurveyError(
-            f"the survey's E and N seem to be exchanged: with them swapped the {len(anchors)} visits fit the trajectory "
-            f"to {exchanged_m:.3f} m RMS, as given only to {given_m:.3f} m (first visit: {anchors.label[0]!r}). Check the "
-            "header of the survey file, or `survey.columns`. (A left-handed trajectory would look the same.)"
+            f"the survey's E and N seem to be exchanged: with them swapped the {len(anchors)} visits fit the "
+            f"trajectory to {exchanged_m:.3f} m RMS, as given only to {given_m:.3f} m. Check the header of the survey "
+            "file, or `columns`. (A left-handed trajectory would look the same.)"
         )
 
 
@@ -47,7 +47,7 @@ def upside_down(R_grid_map: Float[np.ndarray, "3 3"]) -> tuple[str, ...]:
         return ()
     return (
         "the trajectory's z axis points down in the grid: either its own frame has z down, or the survey's E and N are "
-        "exchanged (check its header, or `survey.columns`; coarse.gravity: true settles it where z is up).",
+        "exchanged (check its header, or `columns`; coarse.gravity: true settles it where z is up).",
     )
 
 
@@ -63,8 +63,5 @@ def similarity_rms(
         u, value, vt = np.linalg.svd(cross)
         overlap = value[0] + value[1] + np.sign(np.linalg.det(u) * np.linalg.det(vt)) * value[2]
     a2, b2 = np.sum(a**2), np.sum(b**2)
-    if scale:
-        rest = b2 - max(overlap, 0.0) ** 2 / a2 if a2 > 0 else b2
-    else:
-        rest = a2 + b2 - 2.0 * overlap
-    return float(np.sqrt(max(rest, 0.0) / len(a)))
+    factor = max(overlap, 0.0) / max(a2, np.finfo(float).tiny) if scale else 1.0
+    return float(np.sqrt(max(b2 - 2.0 * factor * overlap + factor**2 * a2, 0.0) / len(a)))

@@ -53,7 +53,9 @@ def sightings_from_trajectory(
         raise SightingError("from_trajectory names no visits; expected [{location, row}, ...].")
     for name, row in visits:
         if name not in survey.name:
-            raise SightingError(f"sightings.visits: visit of '{name}' at row {row}: the survey has {', '.join(survey.name)}.")
+            raise SightingError(
+                f"sightings.visits: visit of '{name}' at row {row}: the survey has {', '.join(survey.name)}."
+            )
         if not 0 <= row < len(truth):
             raise SightingError(
                 f"sightings.visits: visit of '{name}': row {row} is not in the truth, which has rows 0 to "

@@ -81,7 +81,9 @@ def _by_id(
 def _check_names(names: Collection[str], known: Collection[str], survey: Survey, where: str) -> None:
     missing = sorted({name for name in names if name not in known})
     if missing:
-        raise SightingError(f"{where} names {', '.join(map(repr, missing))}. {_survey_has(survey)} Mend the name, or survey the point.")
+        raise SightingError(
+            f"{where} names {', '.join(map(repr, missing))}. {_survey_has(survey)} Mend the name, or survey the point."
+        )
 
 
 def _survey_has(survey: Survey) -> str:
@@ -95,14 +97,18 @@ def _wrong_number(visits: Sequence[Visit], order: Sequence[str]) -> str:
         + (f", id '{visit.marker}'" if visit.marker else "")
         for i, visit in enumerate(visits)
     )
-    return f"{len(visits)} visits were found but visits.order names {len(order)}: {', '.join(order)}.\n{rows}\n" + _hint(
-        visits, len(visits) - len(order)
+    return (
+        f"{len(visits)} visits were found but visits.order names {len(order)}: {', '.join(order)}.\n{rows}\n"
+        + _hint(visits, len(visits) - len(order))
     )
 
 
 def _hint(visits: Sequence[Visit], too_many: int) -> str:
     if too_many < 0:
-        return "Lower visits.gap_s, so that more pauses part visits, or look for a place where the marker was not detected."
+        return (
+            "Lower visits.gap_s, so that more pauses part visits, or look for a place where the marker was not "
+            "detected."
+        )
     pauses = sorted(
         later.start_s - earlier.end_s for earlier, later in itertools.pairwise(visits) if later.marker == earlier.marker
     )
@@ -110,6 +116,6 @@ def _hint(visits: Sequence[Visit], too_many: int) -> str:
         ids = ", ".join(repr(marker) for marker in sorted({visit.marker for visit in visits}))
         return f"An order is for one moved marker, but these visits are of {ids}; leave out the order, or stray ids."
     return (
-        f"Raise visits.gap_s (at {pauses[too_many - 1]:.3g} s the shortest pauses close and as many visits are left as the "
-        "order names), or raise visits.min_count to leave out stray detections."
+        f"Raise visits.gap_s (at {pauses[too_many - 1]:.3g} s the shortest pauses close and as many visits are left as "
+        "the order names), or raise visits.min_count to leave out stray detections."
     )

@@ -39,8 +39,10 @@ def within_trajectory(
             "(seconds since the start against Unix time, nanoseconds against seconds)."
         )
     if outside.mean() >= _FEW:
-        raise SightingError(f"{what}. The trajectory seems cut, or the clocks are some seconds apart: "
-            "use the whole trajectory, bring both to one clock, or drop the sightings beyond it.")
+        raise SightingError(
+            f"{what}. The trajectory seems cut, or the clocks are some seconds apart: "
+            "use the whole trajectory, bring both to one clock, or drop the sightings beyond it."
+        )
     return _without(used[outside], sightings, visits, what)
 
 

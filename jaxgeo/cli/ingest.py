@@ -7,6 +7,7 @@ import warnings
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from jaxgeo.associate import (
     corners_to_sightings,
@@ -63,7 +64,8 @@ def ingest(config: SessionConfig) -> Ingested:
         survey, sightings, said = _survey_and_sightings(config, reader)
         trajectories = {name: reader.trajectory(t) for name, t in config.trajectories.items()}
         references = {name: reader.trajectory(t.reference) for name, t in config.trajectories.items() if t.reference}
-    read = tuple(str(w.message) for w in caught if issubclass(w.category, InputWarning))
+    # One file may be read in two places: survey and sightings from one truth.
+    read = dict.fromkeys(str(w.message) for w in caught if issubclass(w.category, InputWarning))
     ignore = config.survey.ignore if config.survey else []
     if isinstance(config.sightings, FromTrajectorySightingsInput | ControlPointSightingsInput):
         visits = one_visit_a_row(sightings)
@@ -88,6 +90,13 @@ def one_visit_a_row(sightings: Sightings) -> list[Visit]:
     ]
 
 
+def upright(trajectory: Trajectory) -> Trajectory:
+    """A trajectory whose map has a camera's axes (right, down, forward), in a map with z up: E = x, N = z, h = -y."""
+    turn = Rotation.from_matrix([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+    quat = turn * Rotation.from_quat(trajectory.quat_wxyz, scalar_first=True)
+    return Trajectory(trajectory.stamp_s, turn.apply(trajectory.position_m), quat.as_quat(scalar_first=True))
+
+
 def file_hashes(files: tuple[Path, ...]) -> dict[str, str]:
     """SHA-256 of every input, by its path below the folder that holds them all (two folders may hold one name)."""
     if not files:
@@ -106,16 +115,15 @@ class _Reader:
         self.seen(source.file)
         if source.times is not None:
             self.seen(source.times)
-        return read_trajectory(source.file, source.format, times=source.times, rate_hz=source.rate_hz)
+        read = read_trajectory(source.file, source.format, times=source.times, rate_hz=source.rate_hz)
+        return upright(read) if source.optical_axes else read
 
     def seen(self, path: Path) -> Path:
         self.files[path] = None
         return path
 
 
-def _survey_and_sightings(
-    config: SessionConfig, reader: _Reader
-) -> tuple[Survey, Sightings, tuple[str, ...]]:
+def _survey_and_sightings(config: SessionConfig, reader: _Reader) -> tuple[Survey, Sightings, tuple[str, ...]]:
     source = config.sightings
     if isinstance(source, ControlPointSightingsInput):
         survey, sightings = read_control_points(
@@ -137,7 +145,7 @@ def _survey_and_sightings(
                 columns=source.columns,
                 delimiter=source.delimiter,
                 camera=source.camera,
-                camera_names=source.camera_names or None,
+                camera_names={**source.camera_names} or None,
             )
             sightings, said = corners_to_sightings(
                 corners, _rig(config, reader), source.marker_size_m, source.pixel_sigma_px
@@ -167,9 +175,16 @@ def _survey(config: SessionConfig, reader: _Reader) -> Survey:
         rows = source.from_trajectory
         return survey_from_trajectory(reader.trajectory(rows), rows.rows, config.crs, rows.sigma_m)
     if source.points is not None:
-        points = {name: point.model_dump(exclude_none=True) for name, point in source.points.items()}
+        points: dict[str | int, dict[str, float]] = {
+            name: point.model_dump(exclude_none=True) for name, point in source.points.items()
+        }
         return survey_from_points(
-            points, crs=config.crs, sigma_m=source.sigma_m, height_m=source.height_m, ignore=source.ignore
+            points,
+            crs=config.crs,
+            sigma_m=source.sigma_m,
+            sigma_floor_m=source.sigma_m,
+            height_m=source.height_m,
+            ignore=source.ignore,
         )
     assert source.file is not None
     return read_survey(

@@ -41,12 +41,16 @@ class NoiseValues(Section):
 
 
 class TrajectoryFile(Section):
-    """Poses in a file. KITTI and g2o carry no stamps: they need `times` (a file of seconds) or `rate_hz`."""
+    """Poses in a file. KITTI and g2o carry no stamps: they need `times` (a file of seconds) or `rate_hz`.
+
+    `optical_axes`: the map's axes are a camera's (x right, y down, z forward), as KITTI's are: E = x, N = z, h = -y.
+    """
 
     file: InputFile = Field(description="the file of poses")
     format: Format = Field(description="tum, kitti, euroc or g2o")
     times: InputFile | None = None
     rate_hz: Positive | None = None
+    optical_axes: bool = False
 
     @model_validator(mode="after")
     def _check_stamps(self):

@@ -82,7 +82,7 @@ def stats_by_stage(trajectory: TrajectoryResult) -> dict[str, HeldOutStats]:
 
 
 def revisit_gap_m(gap: dict[str, float]) -> tuple[float, bool]:
-    """The gap between a location's visits as its own fold predicts it, and True; with all anchors in where it has none."""
+    """The gap that the location's own fold predicts, and True; else that with all anchors in, and False."""
     held_out_m = gap.get("held_out_m", float("nan"))
     return (held_out_m, True) if np.isfinite(held_out_m) else (gap["refined_m"], False)
 

@@ -63,9 +63,10 @@ def _missing(
             f"{table.path}: columns: no {', '.join(missing)}; given {', '.join(found)}, expected at least {expected}."
         )
     if not table.header:
+        example = ", ".join(f"{role}: {i}" for i, role in enumerate(required))
         return (
             f"{table.path}: no header line names the {table.n_columns} columns. Add one ({expected}), or say which "
-            f"column is which, counted from 0, such as columns: {{{', '.join(f'{role}: {i}' for i, role in enumerate(required))}}}."
+            f"column is which, counted from 0, such as columns: {{{example}}}."
         )
     one = " All stand in one column: is the separator another one (`delimiter`)?" if table.n_columns == 1 else ""
     return (

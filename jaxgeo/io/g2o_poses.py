@@ -36,7 +36,9 @@ def read_g2o_poses(path: str | Path, *, times: str | Path | None = None, rate_hz
     number = [i for i, tag in enumerate(tags) if tag == VERTEX]
     if not number:
         found = ", ".join(f"{tag} ({count})" for tag, count in Counter(filter(None, tags)).most_common(5))
-        raise TrajectoryError(f"{path}: no {VERTEX} record; found {found}. Only 3-D pose graphs can be read: is the format another one?")
+        raise TrajectoryError(
+            f"{path}: no {VERTEX} record; found {found}. Only 3-D pose graphs can be read: is the format another one?"
+        )
     rows = [lines[i] for i in number]
     table = table_of_rows(path, rows, np.array(number) + 1, delimiter=None, error=TrajectoryError)
     if table.n_columns != 9:

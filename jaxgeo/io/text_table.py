@@ -76,9 +76,7 @@ def read_table(path: str | Path, *, delimiter: str | None = None, error: type[In
     if titled:
         number = number[1:]
         if not number:
-            raise error(
-                f"{path}:{len(lines)}: a header ({title.strip()!r}) but no data rows. Is the file complete?"
-            )
+            raise error(f"{path}:{len(lines)}: a header ({title.strip()!r}) but no data rows. Is the file complete?")
     rows = [lines[i - 1] for i in number]
     table = table_of_rows(path, rows, np.array(number), delimiter=_chosen(delimiter, rows[0]), error=error)
     titles = [title] if titled else [text.lstrip("# ") for text in stripped[: number[0] - 1] if text]
@@ -185,7 +183,11 @@ def _row_numbers(table: TextTable, row: int, index: list[int], blank_is_nan: boo
         elif blank_is_nan and not cells[at]:
             numbers.append(np.nan)
         else:
-            hint = "a decimal comma? write a decimal point" if re.search(r"\d,\d", cells[at]) else "expected a number"
+            hint = (
+                "a decimal comma? write a decimal point"
+                if re.search(r"\d,\d", cells[at])
+                else "expected a number: mend the row"
+            )
             _refuse_cell(table, row, at, hint)
     return numbers
 

@@ -92,7 +92,7 @@ def _unknown_tag(loader: _Loader, node: yaml.Node) -> Any:
 
 
 _Loader.add_constructor("tag:yaml.org,2002:int", _int)
-_Loader.add_constructor(None, _unknown_tag)
+_Loader.add_constructor(None, _unknown_tag)  # pyright: ignore[reportArgumentType]  (None: all other tags)
 _Loader.add_constructor("tag:yaml.org,2002:float", _float)
 
 

@@ -13,6 +13,7 @@ from jaxgeo.errors import ConvergenceError, SightingError, UndeterminedError
 from jaxgeo.geometry.robust import RobustKind
 from jaxgeo.geometry.sim3 import Sim3, sim3_apply_trajectory
 from jaxgeo.graph.anchor_table import AnchorTable, anchor_table
+from jaxgeo.graph.bucket import anchor_bucket
 from jaxgeo.graph.chain import Chain, Poses, chain_of
 from jaxgeo.graph.noise import OdometryNoise
 from jaxgeo.graph.pose_graph import Globals, Terms
@@ -125,7 +126,8 @@ def correct_with_folds(
             f"anchors.use_rotation is on, but none of the {len(anchors)} anchors has a rotation: the survey must give "
             "rx, ry, rz, and the sightings must be unambiguous marker poses. Add them, or set it to false."
         )
-    rows = np.zeros((1 + len(use) + -(1 + len(use)) % batch, table.real.shape[0]))
+    # As many rows as a bucket holds, so that sessions with a few more or fewer locations share one program.
+    rows = np.zeros((anchor_bucket(1 + len(use)) if len(use) else 1, table.real.shape[0]))
     rows[:, : len(anchors)] = 1.0
     rows[1 : 1 + len(use), : len(anchors)] = use
     options, width = settings.fold_options(noise), jnp.asarray(settings.loss_width)
@@ -170,7 +172,7 @@ def _check(fold: Fold, anchors: Anchors, max_steps: int) -> None:
         raise UndeterminedError(
             f"the {len(anchors)} anchors at {len(places)} location(s) ({', '.join(places[:8])}) do not fix the frame: "
             f"{free}. Three locations off one line are needed: survey one to the side of the line, or, where the "
-            "markers' rotations are surveyed, set anchors.use_rotation: true. Are all visits tied to their own location "
+            "markers' rotations are surveyed, set anchors.use_rotation: true. Is every visit tied to its own location "
             "(visits.order, visits.locations)?"
         )
     if not bool(succeeded(fold.solution.result)):

@@ -193,8 +193,8 @@ def test_revisits_are_judged_by_the_fold_that_held_the_location_out(session):
         },
     )
     assert sentence == (
-        "Visits to one location disagree by 47.0\u202fcm at B, the worst of 2 locations when neither visit is tied to it "
-        "(one-time similarity: 1.10\u202fm; with all anchors in: 1.0\u202fcm)."
+        "Visits to one location disagree by 47.0\u202fcm at B, the worst of 2 locations when neither visit is tied to "
+        "it (one-time similarity: 1.10\u202fm; with all anchors in: 1.0\u202fcm)."
     )
     assert "A 224.0 5.0 30.0 B 110.0 1.0 47.0" in text
 

@@ -19,7 +19,10 @@ def test_a_mapping_is_read_with_its_numbers(tmp_path: Path) -> None:
         ("a: [1, 2\nb: 3\n", r"c\.yaml: line 2, column 2: .*Check the indentation"),
         ("- 1\n- 2\n", r"c\.yaml: holds a list, expected a mapping"),
         ("# nothing\n", r"c\.yaml: holds nothing but comments, expected a mapping"),
-        ("a: !!python/object/apply:os.system [ls]\n", r"c\.yaml: line 1, column 4: the tag .* is not plain data: remove it"),
+        (
+            "a: !!python/object/apply:os.system [ls]\n",
+            r"c\.yaml: line 1, column 4: the tag .* is not plain data: remove it",
+        ),
         ("", r"c\.yaml: the file is empty"),
     ],
 )

@@ -2,6 +2,7 @@
 
 import dataclasses
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
@@ -17,6 +18,9 @@ from jaxgeo.solve.fold import FoldOptions, fold_graph
 NOISE = odometry_noise([0.02, 0.03, 0.025], [0.003, 0.002, 0.004], 0.003)
 # Where a session lies in its local frame: not at its origin, and turned against the map.
 GRID_FROM_MAP = RigidTransform.from_components([431.0, -187.0, 52.0], Rotation.from_euler("ZYX", [1.1, 0.05, -0.03]))
+
+
+_fold_graph = jax.jit(fold_graph, static_argnames="options")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -142,7 +146,7 @@ def graph_of(made: Session, terms: Terms | None = None, loss_width: float = 3.0)
     chain = chain_of(made.trajectory)
     table = anchor_table(made.anchors, chain)
     options = FoldOptions(terms=terms or Terms())
-    return fold_graph(chain, table, made.noise, table.real, jnp.asarray(loss_width), options)[0]
+    return _fold_graph(chain, table, made.noise, table.real, jnp.asarray(loss_width), options)[0]
 
 
 def started_badly(graph: PoseGraph, n: int, seed: int, trans_m: float, rot_rad: float, turn_rad: float) -> PoseGraph:

@@ -27,11 +27,19 @@ def dense_system(graph: PoseGraph, n: int) -> tuple[np.ndarray, np.ndarray]:
     return residual, jacobian[:, np.concatenate([poses, globals_used])]
 
 
-def dense_covariance(jacobian: np.ndarray) -> np.ndarray:
-    """(J'J)^-1 by QR, columns scaled first: metres and radians differ by 1e6."""
+def dense_factor(jacobian: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Upper R and sizes d with J'J = d R'R d: metres and radians differ by 1e6. In edge coordinates R is near 1."""
     size = np.linalg.norm(jacobian, axis=0)
-    inverse = np.linalg.inv(np.linalg.qr(jacobian / size, mode="r"))
-    return inverse @ inverse.T / np.outer(size, size)
+    scaled = jacobian / size
+    return np.linalg.cholesky(scaled.T @ scaled).T, size
+
+
+def dense_covariance(jacobian: np.ndarray, n: int) -> np.ndarray:
+    """(J'J)^-1 of poses' increments and globals."""
+    chain = edge_coordinates(n, jacobian.shape[1] - 6 * n)
+    factor, size = dense_factor(jacobian @ chain)
+    inverse = chain @ (np.linalg.inv(factor) / size[:, None])
+    return inverse @ inverse.T
 
 
 def edge_coordinates(n: int, g: int) -> np.ndarray:

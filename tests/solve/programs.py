@@ -4,12 +4,11 @@ import dataclasses
 
 import jax
 import jax.numpy as jnp
-from chain_session import Session, session
+from solve.chain_session import Session, session
 
 from jaxgeo.graph.noise import odometry_noise
 from jaxgeo.graph.pose_graph import PoseGraph, Terms, residuals, zero_increments
 from jaxgeo.solve.adjoint import rebased
-from jaxgeo.solve.fold import solve_fold
 from jaxgeo.solve.measurement_space import damped_step
 from jaxgeo.solve.posterior import globals_covariance, pose_covariance, posterior
 from jaxgeo.solve.solver import SOLVER, solve_graph
@@ -20,13 +19,12 @@ NOISE_OF_EVERYTHING = odometry_noise(
     [0.02, 0.03, 0.025], [0.003, 0.002, 0.004], 0.003, 0.2, [0.01, 0.02, 0.015], [0.002, 0.001, 0.0015]
 )
 
-fold = jax.jit(solve_fold, static_argnames="options")
 solve = jax.jit(solve_graph, static_argnames="max_steps")
 
 
 @jax.jit
 def optimum(graph: PoseGraph) -> PoseGraph:
-    """The graph about its optimum, as exact as float64 allows: more steps where the cost is flat to rounding already."""
+    """The graph about its optimum, as exact as float64 allows: it goes on where the cost is flat to rounding."""
     found = solve_graph(graph)
 
     def step(_: int, at: PoseGraph) -> PoseGraph:

@@ -4,10 +4,10 @@ import gtsam
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from chain_session import graph_of, real_poses, session
-from dense_oracle import dense_covariance, dense_system
-from gtsam_peer import gtsam_graph, gtsam_values
-from programs import EVERYTHING, covariances, optimum, session_of_everything
+from solve.chain_session import graph_of, real_poses, session
+from solve.dense_oracle import dense_covariance, dense_system
+from solve.gtsam_peer import gtsam_graph, gtsam_values
+from solve.programs import EVERYTHING, covariances, optimum, session_of_everything
 
 from jaxgeo.geometry import hat
 from jaxgeo.graph.pose_graph import PoseGraph, Terms
@@ -23,7 +23,7 @@ def relative_difference(found: np.ndarray, expected: np.ndarray) -> float:
 
 
 def gtsam_covariances(graph: PoseGraph) -> np.ndarray:
-    """GTSAM's (rotation, translation) in body axes, as errors (translation added, rotation on the left) in grid axes."""
+    """GTSAM's (rotation, translation) in body axes, turned into (position added, rotation on the left) in grid axes."""
     marginals = gtsam.Marginals(gtsam_graph(graph, N, K), gtsam_values(graph, N))
     rotation = real_poses(graph.base, N).rotation.as_matrix()
     turn = np.zeros((N, 6, 6))
@@ -44,7 +44,7 @@ def test_marginals_of_gtsam_where_nothing_is_wrong(rotation):
 def dense_pose_covariances(graph: PoseGraph) -> tuple[np.ndarray, np.ndarray]:
     """Of every pose in the same terms, and of the globals."""
     _, jacobian = dense_system(graph, N)
-    whole = dense_covariance(jacobian)
+    whole = dense_covariance(jacobian, N)
     position = real_poses(graph.base, N).translation
     found = np.empty((N, 6, 6))
     for i, p in enumerate(position):

@@ -5,10 +5,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from chain_session import graph_of
-from dense_oracle import dense_system, edge_coordinates
 from numpy.testing import assert_allclose
-from programs import EVERYTHING, optimum, session_of_everything
+from solve.chain_session import graph_of
+from solve.dense_oracle import dense_factor, dense_system, edge_coordinates
+from solve.programs import EVERYTHING, optimum, session_of_everything
 
 from jaxgeo.graph.chain import Poses
 from jaxgeo.graph.pose_graph import Globals, Increments, PoseGraph, increment_rows, increments_of, residuals
@@ -165,7 +165,7 @@ def test_hessian_product(at_optimum, whitened, unit):
 
 def test_gauss_newton_solve(at_optimum, whitened, unit):
     force = np.random.default_rng(6).standard_normal(6 * N + G) * unit
-    factor = np.linalg.qr(whitened / unit, mode="r")
+    factor, _ = dense_factor(whitened)
     expected = np.linalg.solve(factor, np.linalg.solve(factor.T, force / unit))
     found = flat(jax.jit(lambda g, f: gauss_newton_solve(linearisation(g), f))(at_optimum, increments(force))) * unit
     assert_allclose(found, expected, rtol=0, atol=1e-8 * np.abs(expected).max())
