@@ -1,4 +1,4 @@
-"""A process of its own that times its first solve, tracing and compiling included (`python -m benchmarks.first_call N`).
+"""A process of its own that times its first solve, tracing and compiling included: `python -m benchmarks.first_call N`.
 
 Compiled programs are kept in `$JAXGEO_CACHE`: run it twice on one folder to see what the cache saves.
 """

@@ -31,7 +31,7 @@ class LeaveOneOut:
 def correct_and_hold_out(
     trajectory: Trajectory, anchors: Anchors, noise: OdometryNoise, settings: Settings
 ) -> tuple[Correction, LeaveOneOut]:
-    """Correct with all anchors; and hold out each location's visits, fit and solve anew with the rest, and predict them.
+    """Correct with all anchors; and hold out each location's visits, solve anew with the rest, and predict them.
 
     A fold whose anchors do not fix the frame, or whose solve does not converge, gives NaN and says why.
 

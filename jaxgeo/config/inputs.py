@@ -69,7 +69,7 @@ class Reference(TrajectoryFile):
     """A reference trajectory to measure against; where its body frame sits in the trajectory's body frame.
 
     Attributes:
-        frame: `grid`: the survey's coordinates; `local`: these minus the session's origin; `own`: some frame of its own,
+        frame: `grid`: the survey's coordinates; `local`: these minus the session's origin; `own`: a frame of its own,
             to which the estimate is first fitted (rigidly, all poses).
     """
 
@@ -200,7 +200,7 @@ class PoseSightingsInput(Section):
 
 
 class ControlPointSightingsInput(Section):
-    """One row = the rig stands on a surveyed point: stamp, E, N, h and name, the names in the file or here, in file order.
+    """One row = the rig stands on a surveyed point: stamp, E, N, h and name, names in the file or here, in file order.
 
     The rows are the survey too: no `survey` beside them.
 

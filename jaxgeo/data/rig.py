@@ -10,7 +10,8 @@ class Camera(eqx.Module):
 
     Attributes:
         intrinsics_px: (4,) fx, fy, cx, cy.
-        distortion_model: `radtan` (Brown-Conrady: k1, k2, p1, p2[, k3]), `equidistant` (Kannala-Brandt: k1 .. k4) or `none`.
+        distortion_model: `radtan` (Brown-Conrady: k1, k2, p1, p2[, k3]), `equidistant` (Kannala-Brandt: k1 .. k4) or
+            `none`.
         distortion: coefficients of that model, empty for `none`.
         resolution_px: (width, height), or None where unknown.
         t_body_cam_m: (3,) optical centre in the body frame.

@@ -20,7 +20,7 @@ from jaxgeo.graph import soa
 from jaxgeo.graph.chain import Poses
 from jaxgeo.graph.compute_once import compute_once
 from jaxgeo.graph.pose_graph import Globals, Increments, PoseGraph, chain_noise, increment_rows, increments_of
-from jaxgeo.solve.hessian import hessian_product
+from jaxgeo.solve.hessian import hessian_at
 from jaxgeo.solve.linearise import (
     Edges,
     SmallSystem,
@@ -59,8 +59,9 @@ def gauss_newton_solve(lin: Linearisation, rhs: Increments) -> Increments:
     system of the anchors' size finishes the work.
     """
     edges, system, graph = lin.edges, lin.system, lin.graph
+    always = graph.loss_width > 0
     force = (rhs.trans, rhs.rot)
-    on_noise = edges.backward(*force)
+    on_noise = compute_once(always, edges.backward(*force))
     on_globals = globals_vector(rhs.glob, graph) + _force_on_globals(on_noise, force[0], edges, graph)
     free = (soa.mul(edges.variance_trans, on_noise[0]), soa.mul(edges.variance_rot, on_noise[1]))
     free_globals = system.globals_variance * on_globals
@@ -78,7 +79,8 @@ def gauss_newton_solve(lin: Linearisation, rhs: Increments) -> Increments:
     if graph.terms.bias:
         trans = soa.add(trans, soa.scale(edges.length_m, glob.bias_trans))
         rot = soa.add(rot, soa.scale(edges.length_m, glob.bias_rot))
-    return increments_of(increments_from(edges, delta_0, (trans, rot), glob.log_scale), glob)
+    noise = compute_once(always, (trans, rot))
+    return increments_of(increments_from(edges, delta_0, noise, glob.log_scale), glob)
 
 
 def _force_on_globals(
@@ -121,6 +123,7 @@ class ChainCG(lx.AbstractLinearSolver):
 
     def compute(self, state: Any, vector: PyTree, options: dict) -> tuple[PyTree, lx.RESULTS, dict]:
         lin = linearisation(self.graph)
+        product = hessian_at(self.graph)
         always = self.graph.loss_width > 0
         vector = compute_once(always, vector)
         on_edges = compute_once(always, increments_of(suffix_sum(increment_rows(vector)), vector.glob))
@@ -134,10 +137,10 @@ class ChainCG(lx.AbstractLinearSolver):
 
         def iterate(carry: tuple) -> tuple:
             x, r, p, rz, k = carry
-            hp = hessian_product(p, self.graph)
+            hp = compute_once(always, product(p))
             alpha = rz / _dot(p, hp)
             x, r = _axpy(alpha, p, x), _axpy(-alpha, hp, r)
-            z = gauss_newton_solve(lin, r)
+            z = compute_once(always, gauss_newton_solve(lin, r))
             rz_new = _dot(r, z)
             return x, r, _axpy(rz_new / rz, p, z), rz_new, k + 1
 

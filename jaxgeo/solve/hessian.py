@@ -6,6 +6,8 @@ one forward-mode pass. At the optimum, where the gradient vanishes, this is the 
 cheaper than differentiating the residual function twice, which it agrees with to rounding (tested).
 """
 
+from collections.abc import Callable
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -59,14 +61,24 @@ def gradient_field(poses: Poses, glob: Globals, graph: PoseGraph) -> Increments:
 
 def hessian_product(direction: Increments, graph: PoseGraph) -> Increments:
     """Hessian of the cost times a direction, both in edge coordinates, at the graph's base: must be the optimum."""
-    base = graph.base
-    delta = prefix_sum(increment_rows(direction))
-    trans, rot = (delta[0], delta[1], delta[2]), (delta[3], delta[4], delta[5])
-    half = soa.scale(0.5, rot)  # type: ignore[arg-type]
-    moved = Poses(soa.quat_mul((jnp.zeros_like(rot[0]), *half), base.quat), soa.add(trans, soa.cross(rot, base.t)))
-    return jax.jvp(
-        lambda poses, glob: gradient_field(poses, glob, graph), (base, graph.base_globals), (moved, direction.glob)
-    )[1]
+    return hessian_at(graph)(direction)
+
+
+def hessian_at(graph: PoseGraph) -> Callable[[Increments], Increments]:
+    """The same for many directions: what does not depend on them is worked out once."""
+    base, always = graph.base, graph.loss_width > 0
+    _, derivative = jax.linearize(
+        lambda poses, glob: gradient_field(poses, glob, graph), base, graph.base_globals
+    )
+
+    def product(direction: Increments) -> Increments:
+        delta = compute_once(always, prefix_sum(increment_rows(direction)))
+        trans, rot = (delta[0], delta[1], delta[2]), (delta[3], delta[4], delta[5])
+        half = soa.scale(0.5, rot)  # type: ignore[arg-type]
+        moved = Poses(soa.quat_mul((jnp.zeros_like(rot[0]), *half), base.quat), soa.add(trans, soa.cross(rot, base.t)))
+        return derivative(compute_once(always, moved), direction.glob)
+
+    return product
 
 
 def _anchor_force(poses: Poses, graph: PoseGraph) -> Float[Array, "6 k"]:

@@ -20,7 +20,7 @@ NOISE = odometry_noise([0.02, 0.03, 0.025], [0.003, 0.002, 0.004], 0.003)
 GRID_FROM_MAP = RigidTransform.from_components([431.0, -187.0, 52.0], Rotation.from_euler("ZYX", [1.1, 0.05, -0.03]))
 
 
-_fold_graph = jax.jit(fold_graph, static_argnames="options")
+compiled_fold_graph = jax.jit(fold_graph, static_argnames="options")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -93,9 +93,7 @@ def anchors_at(
     rotation = np.zeros((k, 3, 3))
     if sigma_rot_rad is not None:
         rotation = _covariances(rng, k, sigma_rot_rad)
-        turned = Rotation.from_rotvec(
-            np.einsum("kij,kj->ki", np.linalg.cholesky(rotation), rng.standard_normal((k, 3)))
-        )
+        turned = Rotation.from_rotvec(error_size * _drawn(rng, rotation))
         body_marker = Rotation.random(k, rng=rng)
         seen = body_marker.as_quat(scalar_first=True)
         surveyed = (body.rotation * turned * body_marker).as_quat(scalar_first=True)
@@ -146,7 +144,7 @@ def graph_of(made: Session, terms: Terms | None = None, loss_width: float = 3.0)
     chain = chain_of(made.trajectory)
     table = anchor_table(made.anchors, chain)
     options = FoldOptions(terms=terms or Terms())
-    return _fold_graph(chain, table, made.noise, table.real, jnp.asarray(loss_width), options)[0]
+    return compiled_fold_graph(chain, table, made.noise, table.real, jnp.asarray(loss_width), options)[0]
 
 
 def started_badly(graph: PoseGraph, n: int, seed: int, trans_m: float, rot_rad: float, turn_rad: float) -> PoseGraph:

@@ -33,8 +33,8 @@ def gtsam_graph(graph: PoseGraph, n: int, k: int) -> gtsam.NonlinearFactorGraph:
             found.add(gtsam.GPSFactorArm(key, np.asarray(a.measured_m[j]), np.asarray(a.lever_arm_m[j]), model))
         else:
             found.add(gtsam.GPSFactor(key, np.asarray(a.measured_m[j]), model))
-        if graph.terms.rotation:
-            weight = np.asarray(a.sqrt_information_rotation[j])
+        weight = np.asarray(a.sqrt_information_rotation[j])
+        if np.any(weight):
             model = gtsam.noiseModel.Gaussian.Information(weight.T @ weight)
             found.add(gtsam.PoseRotationPrior3D(key, gtsam.Rot3(np.asarray(a.measured_rotation[j])), model))
     return found

@@ -11,17 +11,19 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import RigidTransform, Rotation
-from solve.chain_session import Session, real_poses, session, trajectory_of, transforms
+from solve.chain_session import NOISE, Session, compiled_fold_graph, real_poses, session, trajectory_of, transforms
 from solve.programs import EVERYTHING
 
 import jaxgeo.graph.anchor_table
 import jaxgeo.graph.chain
 from jaxgeo.graph.anchor_table import AnchorTable, anchor_table
 from jaxgeo.graph.chain import Chain, chain_of
-from jaxgeo.solve.fold import Fold, FoldOptions, fold_graph, solve_fold, solve_folds
+from jaxgeo.graph.noise import OdometryNoise
+from jaxgeo.solve.correct import Settings
+from jaxgeo.solve.fold import Fold, FoldOptions, solve_folds
 
 N, K = 100, 7
-WIDTH = jnp.asarray(3.0)
+WIDTH, OPTIONS = jnp.asarray(3.0), Settings().fold_options(NOISE)
 
 
 @pytest.fixture(scope="module")
@@ -36,8 +38,13 @@ def inputs(made: Session) -> tuple[Chain, AnchorTable]:
 
 def solved(made: Session, use: np.ndarray | None = None) -> Fold:
     chain, table = inputs(made)
-    used = table.real if use is None else jnp.asarray(use)
-    return solve_fold(chain, table, made.noise, used, WIDTH, FoldOptions())[0]
+    return one_fold(chain, table, made.noise, np.asarray(table.real) if use is None else use)
+
+
+def one_fold(chain: Chain, table: AnchorTable, noise: OdometryNoise, use: np.ndarray) -> Fold:
+    """With its poses: the same compiled program as `correct`'s."""
+    found, first = solve_folds(chain, table, noise, jnp.asarray(use)[None], WIDTH, OPTIONS, 1)
+    return eqx.tree_at(lambda f: f.solution.poses, jax.tree.map(lambda x: x[0], found), first)
 
 
 def poses(fold: Fold) -> RigidTransform:
@@ -70,19 +77,19 @@ def test_coordinates_of_held_out_anchors_reach_nothing(made, held_out):
     """Not a bit of anything that a fold returns."""
     chain, table = inputs(made)
     out = np.isin(np.arange(table.real.shape[0]), held_out)
-    use = table.real * jnp.asarray(~out, dtype=float)
-    found = [solve_fold(chain, t, made.noise, use, WIDTH, FoldOptions()) for t in (table, moved_where(table, out))]
+    use = np.asarray(table.real) * ~out
+    found = [one_fold(chain, t, made.noise, use) for t in (table, moved_where(table, out))]
     for a, b in zip(*(jax.tree.leaves(f) for f in found), strict=True):
         assert np.array_equal(a, b)
     # Nor with rotations, scale and bias: the graph itself is the same.
     graphs = [
-        fold_graph(chain, t, made.noise, use, WIDTH, FoldOptions(terms=EVERYTHING))
+        compiled_fold_graph(chain, t, made.noise, jnp.asarray(use), WIDTH, FoldOptions(terms=EVERYTHING))
         for t in (table, moved_where(table, out))
     ]
     for a, b in zip(*(jax.tree.leaves(g) for g in graphs), strict=True):
         assert np.array_equal(a, b)
     # While they matter where they are used.
-    assert not np.array_equal(found[0][0].point_m, solved(made).point_m)
+    assert not np.array_equal(found[0].point_m, solved(made).point_m)
 
 
 def test_origin(made):
@@ -137,7 +144,7 @@ def test_padding_and_many_folds_at_once(made, monkeypatch):
     chain, table = inputs(made)
     assert (chain.length_m.shape, table.real.shape) == ((160,), (10,))
     wider = jnp.asarray(np.pad(use, ((0, 0), (0, 2))))
-    found, first = solve_folds(chain, table, made.noise, wider, WIDTH, FoldOptions(), 2)
+    found, first = solve_folds(chain, table, made.noise, wider, WIDTH, OPTIONS, 2)
     for i, single in enumerate(expected):
         one = jax.tree.map(lambda x, i=i: x[i], found)
         for name in ("point_m", "coarse_point_m", "error_covariance_m2"):

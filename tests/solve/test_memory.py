@@ -5,10 +5,9 @@ import jax
 import jax.numpy as jnp
 import pytest
 from jax.extend.core import ClosedJaxpr, Jaxpr
-from solve.chain_session import graph_of
-from solve.programs import EVERYTHING, session_of_everything
+from solve.chain_session import graph_of, session
 
-from jaxgeo.graph.pose_graph import PoseGraph
+from jaxgeo.graph.pose_graph import PoseGraph, Terms
 from jaxgeo.solve.posterior import all_pose_covariances, posterior
 from jaxgeo.solve.solver import solve_graph, solve_graph_differentiably
 
@@ -46,7 +45,7 @@ def covariances(graph: PoseGraph) -> jax.Array:
 
 @pytest.mark.parametrize("program", [solution, gradient, covariances])
 def test_largest_array(program):
-    graph = graph_of(session_of_everything(N), EVERYTHING)
+    graph = graph_of(session(N, K, sigma_rot_rad=0.02), Terms(rotation=True))
     dynamic, static = eqx.partition(graph, eqx.is_array)
     traced = jax.make_jaxpr(lambda g: eqx.filter(program(eqx.combine(g, static)), eqx.is_array))(dynamic)
     found = shapes(traced.jaxpr)

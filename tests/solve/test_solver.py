@@ -13,7 +13,7 @@ from solve.programs import solve
 
 from jaxgeo.graph.pose_graph import PoseGraph, Terms, zero_increments
 from jaxgeo.solve.measurement_space import State
-from jaxgeo.solve.solver import SOLVER, result_words, succeeded
+from jaxgeo.solve.solver import MAX_STEPS, SOLVER, result_words, succeeded
 
 N, K = 100, 7
 CAUCHY = Terms(loss="cauchy")
@@ -50,6 +50,10 @@ def test_cauchy_gives_way_to_one_wrong_anchor(with_a_wrong_anchor):
     off = [np.linalg.norm(w - where[0], axis=1).max() for w in where[1:]]
     assert off[0] < 0.02
     assert off[1] > 2.0
+    # Which is so far off every noise that the solver creeps; it says so.
+    assert dragged.result == optx.RESULTS.nonlinear_max_steps_reached
+    assert result_words(dragged.result) == "too many steps"
+    assert int(dragged.steps) == MAX_STEPS
 
 
 def test_cost_never_rises(with_a_wrong_anchor):
@@ -67,15 +71,6 @@ def test_cost_never_rises(with_a_wrong_anchor):
         assert bool(state.converged)
         assert np.all(np.diff(costs) <= 0.0)
         assert damped, "no trial was ever rejected: a start that tests nothing"
-
-
-def test_too_few_steps_are_reported():
-    graph = graph_of(session(N, K))
-    found = solve(graph, max_steps=1)
-    assert not bool(succeeded(found.result))
-    assert found.result == optx.RESULTS.nonlinear_max_steps_reached
-    assert result_words(found.result) == "too many steps"
-    assert int(found.steps) == 1
 
 
 def test_a_start_that_is_not_a_number_diverges():
