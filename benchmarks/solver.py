@@ -129,9 +129,7 @@ def subsets_against_gtsam(n: int, repetitions: int) -> dict[str, Any]:
 def gradient_cost(n: int, repetitions: int) -> dict[str, Any]:
     """Solve and gradient in every noise parameter (bias and log-scale in the graph), in units of the solve alone."""
     graph = chain_graph(n, 7, noise=FULL, terms=FULL_TERMS)
-    solve_s, gradient_s = medians_s(
-        repetitions, lambda: solve(graph), lambda: spread_and_gradient(graph.noise, graph)
-    )
+    solve_s, gradient_s = medians_s(repetitions, lambda: solve(graph), lambda: spread_and_gradient(graph.noise, graph))
     _, gradient = spread_and_gradient(graph.noise, graph)
     finite = all(np.all(np.isfinite(g)) for g in jax.tree.leaves(gradient))
     return {"solves": gradient_s / solve_s, "solve_s": solve_s, "value_and_gradient_s": gradient_s, "finite": finite}

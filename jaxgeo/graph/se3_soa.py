@@ -88,11 +88,21 @@ def log(q: Quat, translation: Vec3) -> tuple[Vec3, Vec3]:
 
 
 @jax.jit
-def right_jacobian(translation: Vec3, rotation: Vec3) -> tuple[Mat3, Mat3]:
-    """Blocks (J, Q) of the right Jacobian `[[J, Q], [0, J]]` in (translation, rotation) order, angle up to pi."""
+def right_jacobian_series(rotation: Vec3) -> Quat:
+    """The four power series in the right Jacobian: most of its arithmetic, shared by its 18 entries."""
+    t2 = dot(rotation, rotation)
+    return _series(t2, _B), _series(t2, _C2), _series(t2, _C3), _series(t2, _C4)
+
+
+@jax.jit
+def right_jacobian(translation: Vec3, rotation: Vec3, series: Quat | None = None) -> tuple[Mat3, Mat3]:
+    """Blocks (J, Q) of the right Jacobian `[[J, Q], [0, J]]` in (translation, rotation) order, angle up to pi.
+
+    `series`: `right_jacobian_series(rotation)`, where the caller has it.
+    """
     v, w = translation, rotation
     t2 = dot(w, w)
-    b, c2, c3, c4 = _series(t2, _B), _series(t2, _C2), _series(t2, _C3), _series(t2, _C4)
+    b, c2, c3, c4 = right_jacobian_series(rotation) if series is None else series
     d = dot(w, v)
     jacobian = _affine(1.0 - c2 * t2, -b, c2, w, w, w)
     # Q = -b [v] - (2 c3 - c2) d [w] + c2 (v w' + w v') - 2 c4 d w w' + (2 c4 d a^2 - 2 c2 d) I

@@ -48,6 +48,7 @@ def linearisation(graph: PoseGraph) -> Linearisation:
     one = jnp.ones(())
     eps = chain_noise(graph.base, graph.base_globals, graph)
     edges = edges_at(graph.base, eps, graph.base_globals, one, graph)
+    edges = eqx.tree_at(lambda e: (e.a, e.b), edges, compute_once(graph.loss_width > 0, (edges.a, edges.b)))
     system, _, influence = small_system(graph.base, eps, edges, graph, one)
     return Linearisation(edges, system, influence, graph)
 
@@ -110,8 +111,8 @@ class ChainCG(lx.AbstractLinearSolver):
 
     The operator that optimistix hands over is this same Hessian by automatic differentiation, ten times as dear.
 
-    Where it does not reach `rtol` within `max_steps` (an indefinite or singular Hessian) the solution is NaN, so that
-    the gradient is NaN instead of wrong, and the other lanes of a `vmap` live on.
+    Where it does not reach `rtol` within `max_steps` (an indefinite or singular Hessian) the solution is NaN, on which
+    lineax raises: never a wrong gradient, but one such lane takes a whole `vmap` with it. Mask those of a free gauge.
     """
 
     graph: PoseGraph
@@ -137,10 +138,10 @@ class ChainCG(lx.AbstractLinearSolver):
 
         def iterate(carry: tuple) -> tuple:
             x, r, p, rz, k = carry
-            hp = compute_once(always, product(p))
+            hp = product(p)
             alpha = rz / _dot(p, hp)
             x, r = _axpy(alpha, p, x), _axpy(-alpha, hp, r)
-            z = compute_once(always, gauss_newton_solve(lin, r))
+            z = gauss_newton_solve(lin, r)
             rz_new = _dot(r, z)
             return x, r, _axpy(rz_new / rz, p, z), rz_new, k + 1
 

@@ -67,9 +67,7 @@ def hessian_product(direction: Increments, graph: PoseGraph) -> Increments:
 def hessian_at(graph: PoseGraph) -> Callable[[Increments], Increments]:
     """The same for many directions: what does not depend on them is worked out once."""
     base, always = graph.base, graph.loss_width > 0
-    _, derivative = jax.linearize(
-        lambda poses, glob: gradient_field(poses, glob, graph), base, graph.base_globals
-    )
+    _, derivative = jax.linearize(lambda poses, glob: gradient_field(poses, glob, graph), base, graph.base_globals)
 
     def product(direction: Increments) -> Increments:
         delta = compute_once(always, prefix_sum(increment_rows(direction)))

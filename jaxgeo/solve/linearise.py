@@ -22,10 +22,11 @@ from jaxtyping import Array, Float
 from jaxgeo.geometry.robust import robust_weight
 from jaxgeo.graph import se3_soa, soa
 from jaxgeo.graph.chain import Poses, previous
+from jaxgeo.graph.compute_once import compute_once
 from jaxgeo.graph.noise import edge_variances
 from jaxgeo.graph.pose_graph import Globals, PoseGraph, at_anchors, whitened_anchor_residual
 from jaxgeo.graph.soa import Mat3, Vec3
-from jaxgeo.solve.prefix import prefix_sum_at
+from jaxgeo.solve.prefix import prefix_sums_of
 
 _UPPER = [(i, j) for i in range(3) for j in range(i, 3)]
 _ALL = [(i, j) for i in range(3) for j in range(3)]
@@ -77,7 +78,8 @@ class SmallSystem(eqx.Module):
 
 def edges_at(poses: Poses, eps: tuple[Vec3, Vec3], glob: Globals, shrink: Array, graph: PoseGraph) -> Edges:
     """`G_k` of every edge, its white variances multiplied by `shrink` (1 where nothing is damped)."""
-    jac, coupling = se3_soa.right_jacobian(*eps)
+    series = compute_once(graph.loss_width > 0, se3_soa.right_jacobian_series(eps[1]))
+    jac, coupling = se3_soa.right_jacobian(*eps, series)
     rotation = soa.quat_matrix(poses.quat)
     a = soa.matmul(rotation, jac)
     b = soa.mat_add(soa.matmul(rotation, coupling), soa.hat_matmul(poses.t, a))
@@ -179,10 +181,13 @@ def small_system(
     poses: Poses, eps: tuple[Vec3, Vec3], edges: Edges, graph: PoseGraph, shrink: Array
 ) -> tuple[SmallSystem, Float[Array, "k 6"], Float[Array, "k 6 g"]]:
     """The anchors' system; the chain's share `sum G eps` of every anchored pose's increment; and D at the anchors."""
-    drift = edges.forward(*eps)
-    rows = covariance_rows(edges)
-    extra = globals_rows(edges, graph)
-    summed = prefix_sum_at(jnp.stack([*rows, *drift[0], *drift[1], *extra]), graph.anchors.pose_index)
+
+    def rows(some: tuple[Edges, tuple[Vec3, Vec3]]) -> list[Array]:
+        edges, eps = some
+        trans, rot = edges.forward(*eps)
+        return [*covariance_rows(edges), *trans, *rot, *globals_rows(edges, graph)]
+
+    summed = prefix_sums_of(rows, (edges, eps), graph.anchors.pose_index)
     chain_covariance = covariance_blocks(summed[:21])
     influence = globals_blocks(summed[27:], graph)
     jacobian, residual = anchor_jacobian(poses, graph)

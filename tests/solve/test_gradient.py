@@ -179,3 +179,15 @@ def test_gauss_newton_solve(at_optimum, whitened, unit):
     expected = np.linalg.solve(factor, np.linalg.solve(factor.T, force / unit))
     found = flat(jax.jit(lambda g, f: gauss_newton_solve(linearisation(g), f))(at_optimum, increments(force))) * unit
     assert_allclose(found, expected, rtol=0, atol=1e-8 * np.abs(expected).max())
+
+
+def test_no_gradient_where_the_frame_is_free(at_optimum):
+    """Two positions and no rotation: an error, not a number."""
+    a = at_optimum.anchors
+    two = eqx.tree_at(
+        lambda g: (g.anchors.sqrt_information, g.anchors.sqrt_information_rotation),
+        at_optimum,
+        (a.sqrt_information.at[2:].set(0.0), jnp.zeros_like(a.sqrt_information_rotation)),
+    )
+    with pytest.raises(eqx.EquinoxRuntimeError, match="linear solver"):
+        value_and_gradient(two)
