@@ -113,14 +113,14 @@ def test_gradient_in_the_odometry(at_optimum, gradient, axis, edge):
 
 
 def test_gradient_from_a_common_start(graph, at_optimum, gradient):
-    """The solver stops at 1e-9 of the cost, so that the gradient is taken a little beside the optimum."""
+    """Started at the coarse fit, the solve for a gradient goes far enough for every entry to be right."""
     found, again = value_and_gradient(graph)
     assert_allclose(float(found), value(at_optimum), rtol=1e-8)
     by_percent = [
         np.concatenate([np.ravel(getattr(g.noise, name) * getattr(graph.noise, name)) for name, _ in NOISE_ENTRIES])
         for g in (again, gradient)
     ]
-    assert_allclose(*by_percent, rtol=0, atol=1e-5 * np.abs(by_percent[1]).max())
+    assert_allclose(*by_percent, rtol=1e-5)
 
 
 def flat(x: Increments) -> np.ndarray:
