@@ -159,7 +159,10 @@ def measure(sizes: Sizes) -> dict[str, Any]:
     subset = subsets_against_gtsam(sizes.short, sizes.subset_repetitions)
     gradient = gradient_cost(sizes.short, sizes.short_repetitions)
     gradient_long = gradient_cost(sizes.long, sizes.long_repetitions)
-    longest = child("benchmarks.million", str(sizes.longest), str(sizes.longest_anchors))
+    longest, astray = (
+        child("benchmarks.million", str(sizes.longest), str(sizes.longest_anchors), noise)
+        for noise in ("lidar", "paper")
+    )
     compiled = compile_times(sizes.short)
     per_pose = [case["ours_s"] / case["our_steps"] / n for case, n in ((short, sizes.short), (long, sizes.long))]
     per_pose.append(longest["warm_s"] / longest["steps"] / sizes.longest)
@@ -181,6 +184,7 @@ def measure(sizes: Sizes) -> dict[str, Any]:
         "gradient_1829": gradient,
         "gradient_20000": gradient_long,
         "million_poses": longest,
+        "million_poses_astray": astray,
         "machine": {"cores": os.cpu_count(), "load_1_min": os.getloadavg()[0], "processor": platform.machine()},
         "versions": {"python": platform.python_version()} | {name: version(name) for name in _PACKAGES},
         "sizes": dataclasses.asdict(sizes),
@@ -198,10 +202,13 @@ def print_table(found: dict[str, Any]) -> None:
         table.add_row(title, *times, f"{case['ratio']:.1f}", f"{case['relative_cost_difference']:.1e}")
     console = Console()
     console.print(table)
-    longest, per_pose = found["million_poses"], found["ns_per_pose_and_step"]
+    longest, astray = found["million_poses"], found["million_poses_astray"]
+    per_pose = found["ns_per_pose_and_step"]
     for line in (
         f"1 000 000 poses, 100 anchors: {longest['warm_s']:.2f} s warm, {longest['first_call_s']:.2f} s first call, "
         f"{longest['peak_gib']:.2f} GiB at most ({longest['result']}, {longest['steps']} steps)",
+        f"the same, its heading lost by two radians before any anchor is used: {astray['warm_s']:.2f} s "
+        f"({astray['result']}, {astray['steps']} steps)",
         "per pose and step: " + ", ".join(f"{name} {ns:.0f} ns" for name, ns in per_pose.items()),
         f"value and gradient in all noise parameters: {found['gradient_cost_solves']:.1f} solves (1 829 poses), "
         f"{found['gradient_cost_solves_20000']:.1f} (20 000)",
