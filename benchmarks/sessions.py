@@ -59,11 +59,16 @@ def row_of(session: str, trajectory: str, odometry: str, found: dict[str, Any], 
         "learned_mean_m": of("learned", "loo", "mean_m"),
         "coarse_rms_m": of("coarse", "loo", "rms_m"),
         "fixed_rms_m": of("fixed", "loo", "rms_m"),
+        "learned_rms_m": of("learned", "loo", "rms_m"),
         "reference_coarse_rmse_m": of("coarse", "reference", "ate_rmse_m"),
         "reference_fixed_rmse_m": of("fixed", "reference", "ate_rmse_m"),
-        "coverage_50": of("fixed", "loo", "coverage_50"),
-        "coverage_95": of("fixed", "loo", "coverage_95"),
+        "reference_learned_rmse_m": of("learned", "reference", "ate_rmse_m"),
+        "coverage_50_fixed": of("fixed", "loo", "coverage_50"),
+        "coverage_95_fixed": of("fixed", "loo", "coverage_95"),
+        "coverage_50_learned": of("learned", "loo", "coverage_50"),
+        "coverage_95_learned": of("learned", "loo", "coverage_95"),
         "n_failed": of("fixed", "loo", "n_failed"),
+        "n_failed_learned": of("learned", "loo", "n_failed"),
         "result": found["solver"]["result"],
         "seconds": seconds,
     }
@@ -76,14 +81,44 @@ def failed_row(session: str, message: str, seconds: float) -> Row:
     return row_of(session, "", "", nothing | {"loo": stages, "reference": stages}, seconds)
 
 
-def geometric_mean_ratio(rows: Iterable[Row]) -> float | None:
-    """Geometric mean over trajectories of the held-out mean error, fixed noise over one-time similarity."""
-    logs = [
-        math.log(row["fixed_mean_m"] / row["coarse_mean_m"])
-        for row in rows
-        if row["fixed_mean_m"] is not None and row["coarse_mean_m"] is not None
-    ]
+def ratio_of(row: Row, over: Iterable[str], stage: str) -> float | None:
+    """Held-out mean error of a stage over the smallest of some others; None where one is missing."""
+    errors = [row[f"{other}_mean_m"] for other in (*over, stage)]
+    if any(error is None for error in errors):
+        return None
+    return errors[-1] / min(errors[:-1])
+
+
+def geometric_mean_ratio(rows: Iterable[Row], stage: str = "fixed") -> float | None:
+    """Geometric mean over trajectories of the held-out mean error, a stage over the one-time similarity."""
+    logs = [math.log(ratio) for row in rows if (ratio := ratio_of(row, ["coarse"], stage)) is not None]
     return math.exp(math.fsum(logs) / len(logs)) if logs else None
+
+
+# A row counts as no worse where the learned noise's error is at most this many times the better of the other two.
+NO_WORSE = 1.05
+
+
+def summary(rows: list[Row]) -> list[str]:
+    """Sentences over all rows: what each noise gains over the similarity, and whether learning ever costs."""
+    said = []
+    for stage in ("fixed", "learned"):
+        mean = geometric_mean_ratio(rows, stage)
+        if mean is not None:
+            said.append(f"Geometric mean of held-out mean error, {stage} noise over one-time similarity: {mean:.2f}.")
+    ratios = {
+        f"{row['session']} {row['trajectory']}".strip(): ratio
+        for row in rows
+        if (ratio := ratio_of(row, ["coarse", "fixed"], "learned")) is not None
+    }
+    if ratios:
+        worst = max(ratios, key=lambda name: ratios[name])
+        good = sum(ratio <= NO_WORSE for ratio in ratios.values())
+        said.append(
+            f"Learned noise at most {100 * (NO_WORSE - 1):.0f} % worse than the better of similarity and fixed noise: "
+            f"{good} of {len(ratios)} rows; the worst ratio is {ratios[worst]:.2f} ({worst})."
+        )
+    return said
 
 
 def length(*values_m: float | None) -> tuple[str, ...]:
@@ -106,8 +141,9 @@ def share(value: float | None) -> str:
 def markdown(rows: list[Row]) -> str:
     """The README's table: held-out mean errors, error against the reference where there is one, coverage."""
     head = (
-        "session", "odometry", "poses", "visits / locations", "held out: similarity", "fixed noise", "learned", "ratio",
-        "reference: similarity", "fixed noise", "in 50 / 95 % ellipsoid", "solver", "time",
+        "session", "odometry", "poses", "visits / locations", "held out: similarity", "fixed noise", "learned",
+        "ratio, fixed", "ratio, learned", "reference: similarity", "fixed noise", "learned",
+        "in 50 / 95 % ellipsoid, fixed", "learned", "solver", "time",
     )  # fmt: skip
     lines = ["| " + " | ".join(head) + " |", "|---|---" + "|---:" * (len(head) - 3) + "|---:|"]
     for row in rows:
@@ -115,46 +151,59 @@ def markdown(rows: list[Row]) -> str:
             message = row["result"].replace("|", "\\|").replace("\n", " ")
             lines.append(f"| {row['session']} | " + " | ".join([message, *["–"] * (len(head) - 2)]) + " |")
             continue
-        ratio = geometric_mean_ratio([row])
-        failed = f", {row['n_failed']} folds failed" if row["n_failed"] else ""
+        failed = row["n_failed_learned"] or row["n_failed"]
         cells = (
             row["session"],
             row["odometry"],
             f"{row['n_poses']}",
             f"{row['n_visits']} / {row['n_locations']}",
-            *length(row["coarse_mean_m"], row["fixed_mean_m"], row["learned_mean_m"]),
-            "–" if ratio is None else f"{ratio:.2f}",
-            *length(row["reference_coarse_rmse_m"], row["reference_fixed_rmse_m"]),
-            f"{share(row['coverage_50'])} / {share(row['coverage_95'])}",
-            row["result"] + failed,
+            *held_out_lengths(row),
+            *(number(geometric_mean_ratio([row], stage)) for stage in ("fixed", "learned")),
+            *reference_lengths(row),
+            *(coverage(row, stage) for stage in ("fixed", "learned")),
+            row["result"] + (f", {failed} folds failed" if failed else ""),
             f"{row['seconds']:.1f} s",
         )
         lines.append("| " + " | ".join(cells) + " |")
-    mean = geometric_mean_ratio(rows)
-    if mean is not None:
-        lines += ["", f"Geometric mean of held-out mean error, fixed noise over one-time similarity: {mean:.2f}."]
-    return "\n".join(lines)
+    return "\n".join([*lines, "", *summary(rows)])
+
+
+def held_out_lengths(row: Row) -> tuple[str, ...]:
+    return length(row["coarse_mean_m"], row["fixed_mean_m"], row["learned_mean_m"])
+
+
+def reference_lengths(row: Row) -> tuple[str, ...]:
+    return length(row["reference_coarse_rmse_m"], row["reference_fixed_rmse_m"], row["reference_learned_rmse_m"])
+
+
+def number(value: float | None) -> str:
+    return "–" if value is None else f"{value:.2f}"
+
+
+def coverage(row: Row, stage: str) -> str:
+    return f"{share(row[f'coverage_50_{stage}'])} / {share(row[f'coverage_95_{stage}'])}"
 
 
 def print_table(rows: list[Row]) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    table = Table("session", "poses", "held out: similarity", "fixed noise", "reference", "50/95 %", "solver", "time")
+    table = Table(
+        "session", "poses", "held out: similarity", "fixed", "learned", "reference", "50/95 %, fixed", "learned",
+        "solver", "time",
+    )  # fmt: skip
     for row in rows:
         table.add_row(
             f"{row['session']} {row['trajectory']}",
             str(row["n_poses"]),
-            *length(row["coarse_mean_m"], row["fixed_mean_m"]),
-            " → ".join(length(row["reference_coarse_rmse_m"], row["reference_fixed_rmse_m"])),
-            f"{share(row['coverage_50'])} / {share(row['coverage_95'])}",
+            *held_out_lengths(row),
+            " → ".join(reference_lengths(row)),
+            *(coverage(row, stage) for stage in ("fixed", "learned")),
             row["result"],
             f"{row['seconds']:.1f} s",
         )
     Console().print(table)
-    mean = geometric_mean_ratio(rows)
-    if mean is not None:
-        print(f"geometric mean of held-out mean error, fixed noise over one-time similarity: {mean:.2f}")
+    print("\n".join(summary(rows)))
 
 
 def main(

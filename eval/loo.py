@@ -3,14 +3,24 @@
 import dataclasses
 
 import jax
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Int
 
+from calibration.calibrate import LearnSettings, calibrate_and_correct
+from calibration.result import Calibration
 from jaxgeo.data import Anchors, Trajectory
+from jaxgeo.errors import ConvergenceError
 from jaxgeo.export.result import HeldOut
+from jaxgeo.graph.anchor_table import anchor_table
+from jaxgeo.graph.chain import chain_of
+from jaxgeo.graph.components import NoiseEnsemble
 from jaxgeo.graph.noise import OdometryNoise
+from jaxgeo.graph.pose_graph import Terms
 from jaxgeo.solve.correct import Correction, Settings, correct_with_folds
-from jaxgeo.solve.fold import Fold
+from jaxgeo.solve.ensemble_correct import EnsembleCorrection, ensemble_correction
+from jaxgeo.solve.ensemble_fold import EnsembleFold, solve_ensemble
+from jaxgeo.solve.fold import Fold, FoldOptions
 from jaxgeo.solve.solver import result_words, succeeded
 
 
@@ -21,9 +31,24 @@ class LeaveOneOut:
     Attributes:
         coarse, refined: errors of every visit in the fold that held its location out.
         point_m: (k, 3) marker positions that fold predicts, local frame.
+        determined: (k,) whether the other locations fix the frame.
     """
 
     coarse: HeldOut
+    refined: HeldOut
+    point_m: Float[np.ndarray, "k 3"]
+    determined: Bool[np.ndarray, "k"]
+
+
+@dataclasses.dataclass(frozen=True)
+class EnsembleHeldOut:
+    """Held-out errors under a noise ensemble: learned in each fold anew, or one ensemble for all.
+
+    Attributes:
+        refined: errors of every visit in the fold that held its location out.
+        point_m: (k, 3) marker positions that fold predicts, local frame.
+    """
+
     refined: HeldOut
     point_m: Float[np.ndarray, "k 3"]
 
@@ -38,10 +63,104 @@ def correct_and_hold_out(
     Raises:
         UndeterminedError, ConvergenceError: of the correction with all anchors.
     """
-    locations = np.arange(int(anchors.location_index.max()) + 1)
-    use = (locations[:, None] != anchors.location_index[None, :]).astype(float)
-    correction, folds = correct_with_folds(trajectory, anchors, noise, settings, use)
+    correction, folds = correct_with_folds(trajectory, anchors, noise, settings, without_each_location(anchors))
     return correction, _gather(folds, anchors)
+
+
+def learn_and_hold_out(
+    trajectory: Trajectory, anchors: Anchors, settings: Settings, learn: LearnSettings, fixed: LeaveOneOut | None
+) -> tuple[Calibration, EnsembleCorrection, EnsembleHeldOut | None]:
+    """Learn the noise and correct with all anchors; and, for each location, learn and correct anew without it.
+
+    Args:
+        fixed: of the same anchors with a fixed noise, which says what folds are determined; None: nothing held out.
+
+    A fold that is not determined, or in which learning and correcting do not settle, gives NaN and says why.
+
+    Raises:
+        ConvergenceError: learning with all anchors did not settle.
+    """
+    use = _solvable_folds(anchors, fixed)
+    calibration, correction, learned = calibrate_and_correct(trajectory, anchors, settings, learn, use)
+    if fixed is None:
+        return calibration, correction, None
+    fold = jax.tree.map(lambda x: x[1:], learned.fold)  # the first is that of all anchors
+    point, covariance = np.asarray(fold.point_m), np.asarray(fold.error_covariance_m2)
+    settled, rounds = np.asarray(fold.settled), np.asarray(fold.rounds)
+    return calibration, correction, _gather_ensemble(point, covariance, settled, rounds, anchors, fixed)
+
+
+def correct_under_and_hold_out(
+    trajectory: Trajectory, anchors: Anchors, settings: Settings, ensemble: NoiseEnsemble, fixed: LeaveOneOut | None
+) -> tuple[EnsembleCorrection, EnsembleHeldOut | None]:
+    """Correct under one given ensemble, with all anchors and without each location; else as `learn_and_hold_out`.
+
+    Raises:
+        ConvergenceError: the correction with all anchors did not settle.
+    """
+    chain = chain_of(trajectory)
+    table = anchor_table(anchors, chain, settings.extra_sigma_m)
+    terms = Terms(settings.use_rotation, True, False, settings.loss)
+    options = FoldOptions(settings.coarse_scale, settings.coarse_gravity, terms, settings.max_steps)
+    width = jnp.asarray(settings.loss_width)
+
+    def solved(use: Float[np.ndarray, "k"]) -> EnsembleFold:
+        row = jnp.asarray(np.pad(use, (0, table.real.shape[0] - len(use))))
+        return solve_ensemble(chain, table, ensemble, row, width, options)
+
+    whole = solved(np.ones(len(anchors)))
+    if not bool(whole.settled):
+        raise ConvergenceError(
+            f"correcting under the noise of noise.file did not settle: after {int(whole.rounds)} rounds a marker still "
+            "moved. Check for wrong anchors (anchors.loss: cauchy tolerates some), or learn from this session "
+            "(noise.mode: learned)."
+        )
+    correction = ensemble_correction(trajectory, chain, whole)
+    if fixed is None:
+        return correction, None
+    folds = [solved(row) for row in _solvable_folds(anchors, fixed)]
+    point, covariance, settled, rounds = (
+        np.array([np.asarray(getattr(fold, name)) for fold in folds])
+        for name in ("point_m", "error_covariance_m2", "settled", "rounds")
+    )
+    return correction, _gather_ensemble(point, covariance, settled, rounds, anchors, fixed)
+
+
+def without_each_location(anchors: Anchors) -> Float[np.ndarray, "f k"]:
+    """A row for each location: 1 for the visits of all others."""
+    locations = np.arange(int(anchors.location_index.max()) + 1)
+    return (locations[:, None] != anchors.location_index[None, :]).astype(float)
+
+
+def _solvable_folds(anchors: Anchors, fixed: LeaveOneOut | None) -> Float[np.ndarray, "f k"]:
+    """The folds; one that is not determined keeps all anchors, for its answer is thrown away."""
+    if fixed is None:
+        return np.zeros((0, len(anchors)))
+    use = without_each_location(anchors)
+    use[anchors.location_index[~fixed.determined]] = 1.0
+    return use
+
+
+def _gather_ensemble(
+    point_m: Float[np.ndarray, "f k 3"],
+    covariance_m2: Float[np.ndarray, "f k 3 3"],
+    settled: Bool[np.ndarray, "f"],
+    rounds: Int[np.ndarray, "f"],
+    anchors: Anchors,
+    fixed: LeaveOneOut,
+) -> EnsembleHeldOut:
+    """Each visit's row from the fold of its own location."""
+    fold, visit = anchors.location_index, np.arange(len(anchors))
+    result = []
+    for i in visit:
+        if not fixed.determined[i]:
+            result.append(fixed.refined.result[i])
+        else:
+            result.append("converged" if settled[fold[i]] else f"not settled after {int(rounds[fold[i]])} rounds")
+    good = np.asarray(settled)[fold] & fixed.determined
+    point = np.where(good[:, None], np.asarray(point_m)[fold, visit], np.nan)
+    covariance = np.where(good[:, None, None], np.asarray(covariance_m2)[fold, visit], np.nan)
+    return EnsembleHeldOut(HeldOut(point - anchors.surveyed_enh_m, covariance, tuple(result)), point)
 
 
 def _gather(found: Fold, anchors: Anchors) -> LeaveOneOut:
@@ -61,5 +180,8 @@ def _gather(found: Fold, anchors: Anchors) -> LeaveOneOut:
     surveyed = anchors.surveyed_enh_m
     nothing = np.full_like(covariance, np.nan)
     return LeaveOneOut(
-        HeldOut(coarse - surveyed, nothing, coarse_result), HeldOut(point - surveyed, covariance, result), point
+        HeldOut(coarse - surveyed, nothing, coarse_result),
+        HeldOut(point - surveyed, covariance, result),
+        point,
+        determined,
     )

@@ -6,6 +6,7 @@ wraps it; a test that calls jaxlie itself does so inside `jax.numpy_dtype_promot
 """
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
 
 import hypothesis
@@ -28,3 +29,16 @@ hypothesis.settings.load_profile("ci" if os.environ.get("CI") else "default_jaxg
 @pytest.fixture(autouse=True, scope="session")
 def _float64() -> None:
     assert_float64()
+
+
+# A compiled program takes hundreds of memory maps; Linux gives a process 65 530, and XLA crashes without a word when
+# they run out. Programs that are needed again come from the cache on disk.
+_MANY_MAPS = 20_000
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _programs_let_go() -> Iterator[None]:
+    yield
+    maps = Path("/proc/self/maps")
+    if maps.exists() and len(maps.read_text().splitlines()) > _MANY_MAPS:
+        jax.clear_caches()

@@ -55,6 +55,22 @@ def run(
 
 
 @app.command()
+def calibrate(
+    config: Annotated[Path, typer.Argument(help="The session's config (YAML).")],
+    out: Annotated[Path | None, typer.Option(help="Folder for the outputs; default out/NAME.")] = None,
+    set_: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="KEY=VALUE", help="Replace one value of the config: noise.observations=revisit"),
+    ] = None,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Print errors only.")] = False,
+) -> None:
+    """Learn the odometry noise of one session, without correcting anything: noise.json and calibration.html."""
+    from jaxgeo.cli.calibrate import calibrate_config
+
+    calibrate_config(config, out, set_ or [], quiet)
+
+
+@app.command()
 def simulate(
     out: Annotated[Path, typer.Option(help="Folder for the session's files.")],
     seed: Annotated[int, typer.Option(min=0, help="Seed of all random numbers.")] = 0,

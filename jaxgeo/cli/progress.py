@@ -11,7 +11,7 @@ from rich.status import Status
 class Progress:
     """Phases one after another, on stderr: a spinner on a terminal, plain lines elsewhere, nothing when quiet.
 
-    Phases of a run, in order: read, and for each trajectory anchors, coarse, correct, hold out; then write.
+    Phases of a run, in order: read, and for each trajectory anchors, correct, learn, compare; then write.
     """
 
     def __init__(self, quiet: bool = False) -> None:

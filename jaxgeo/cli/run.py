@@ -26,12 +26,8 @@ def run_config(path: Path, out: Path | None, overrides: Sequence[str], quiet: bo
 
     from jaxgeo.cli.session import run_session
     from jaxgeo.export import write_session
-    from jaxgeo.precision import enable_compilation_cache
 
-    try:
-        enable_compilation_cache()
-    except OSError as error:  # a run without it is slower, not wrong
-        print(f"warning: compiled programs are not kept: {error}; set JAXGEO_CACHE to a folder", file=sys.stderr)
+    keep_compiled_programs()
     with Progress(quiet) as progress:
         result = run_session(config, progress)
         progress.phase("write", str(out))
@@ -42,3 +38,13 @@ def run_config(path: Path, out: Path | None, overrides: Sequence[str], quiet: bo
             for warning in trajectory.warnings:
                 print(f"warning: {name}: {warning}", file=sys.stderr)
         print(f"{config.name}{label}: {out / 'report.html'}")
+
+
+def keep_compiled_programs() -> None:
+    """Compile once for all runs; where that cannot be, say so."""
+    from jaxgeo.precision import enable_compilation_cache
+
+    try:
+        enable_compilation_cache()
+    except OSError as error:  # a run without it is slower, not wrong
+        print(f"warning: compiled programs are not kept: {error}; set JAXGEO_CACHE to a folder", file=sys.stderr)

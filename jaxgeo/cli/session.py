@@ -1,27 +1,46 @@
 """The main job: one session read, each of its trajectories aligned, corrected and held out."""
 
 import contextlib
+import dataclasses
 import platform
 import time
 from collections.abc import Iterator
 from importlib.metadata import version
+from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
-from eval.loo import LeaveOneOut, correct_and_hold_out
+from eval.drift_growth import drift_growth
+from eval.loo import (
+    EnsembleHeldOut,
+    LeaveOneOut,
+    correct_and_hold_out,
+    correct_under_and_hold_out,
+    learn_and_hold_out,
+)
 from eval.reference import absolute_error
 from eval.revisit import revisit_gaps
 from jaxgeo.associate import make_anchors, refuse_exchanged_axes, upside_down
 from jaxgeo.cli.ingest import Ingested, file_hashes, ingest
+from jaxgeo.cli.noise import (
+    learn_settings,
+    learned_values,
+    noise_of,
+    noise_values,
+    stored_ensemble,
+    stored_noise,
+    stored_values,
+)
 from jaxgeo.cli.progress import Progress
 from jaxgeo.config.inputs import TrajectoryInput
 from jaxgeo.config.schema import SessionConfig
 from jaxgeo.data import Anchors, Trajectory
 from jaxgeo.errors import JaxgeoError
-from jaxgeo.export.result import CoarseFit, HeldOut, ReferenceError, SessionResult, TrajectoryResult
-from jaxgeo.graph.noise import OdometryNoise
-from jaxgeo.graph.noise_defaults import default_noise
+from jaxgeo.export.result import CoarseFit, DriftGrowth, HeldOut, ReferenceError, SessionResult, TrajectoryResult
+from jaxgeo.graph.components import ensemble_of
 from jaxgeo.solve.correct import Correction, Settings, correct
+from jaxgeo.solve.ensemble_correct import EnsembleCorrection
 
 _VERSIONS = ("jax", "jaxlib", "optimistix", "lineax", "equinox", "numpy", "scipy", "opencv-python-headless", "pyproj")
 
@@ -39,7 +58,7 @@ def run_session(config: SessionConfig, progress: Progress) -> SessionResult:
     read_s = time.perf_counter() - started
     trajectories: dict[str, TrajectoryResult] = {}
     for name, source in config.trajectories.items():
-        with _named(name):
+        with named(name):
             trajectories[name] = _run_trajectory(name, source, config, data, progress)
     return SessionResult(
         name=config.name,
@@ -71,38 +90,111 @@ def settings_of(config: SessionConfig) -> Settings:
     )
 
 
-def noise_of(source: TrajectoryInput, config: SessionConfig) -> OdometryNoise:
-    """Fixed noise: the defaults of the kind of odometry, the session's values, then the trajectory's own."""
-    values = config.noise.values.model_dump(exclude_none=True) | source.noise.model_dump(exclude_none=True)
-    return default_noise(source.odometry, **values)
+@dataclasses.dataclass(frozen=True)
+class _Refined:
+    """What is written of one trajectory, whichever noise it was corrected with; `held_out_m` of every visit's fold."""
+
+    stage: str
+    corrected: Trajectory
+    covariance: Float[np.ndarray, "n 6 6"]
+    point_m: Float[np.ndarray, "k 3"]
+    log_scale: tuple[float, float]
+    solver: dict[str, Any]
+    held_out: HeldOut | None
+    held_out_m: Float[np.ndarray, "k 3"] | None
 
 
 def _run_trajectory(
     name: str, source: TrajectoryInput, config: SessionConfig, data: Ingested, progress: Progress
 ) -> TrajectoryResult:
-    trajectory = data.trajectories[name]
     settings, noise = settings_of(config), noise_of(source, config)
-    clock = _Clock(progress, name)
+    clock = Clock(progress, name)
+    trajectory, anchors, said = anchored(name, settings, data, clock)
+    hold_out = config.evaluate.leave_one_out
+    # The fixed noise first, always: it says whether the anchors fix the frame, and what learning has to beat.
+    clock.phase("correct and hold out" if hold_out else "correct")
+    if hold_out:
+        found, held_out = correct_and_hold_out(trajectory, anchors, noise, settings)
+    else:
+        found, held_out = correct(trajectory, anchors, noise, settings), None
+    refined = [_of_fixed(found, held_out, len(anchors))]
+    written: dict[str, Any] = {"fixed": noise_values(noise)}
+    ensemble, learned = ensemble_of(noise), None
+    stored = stored_noise(config, source)
+    if config.noise.mode == "learned":
+        clock.phase("learn and hold out" if hold_out else "learn")
+        start = learn_settings(config, source, noise, stored)
+        calibration, correction, predicted = learn_and_hold_out(trajectory, anchors, settings, start, held_out)
+        refined.append(_of_ensemble("learned", correction, predicted, len(anchors)))
+        written["learned"] = learned_values(calibration)
+        learned = calibration.ensemble
+    elif stored is not None:
+        clock.phase("correct with the file's noise")
+        ensemble = stored_ensemble(stored)
+        correction, predicted = correct_under_and_hold_out(trajectory, anchors, settings, ensemble, held_out)
+        refined = [_of_ensemble("fixed", correction, predicted, len(anchors))]
+        written = {"fixed": stored_values(stored)}
+    clock.phase("compare")
+    estimates = {"coarse": found.coarse} | {each.stage: each.corrected for each in refined}
+    reference = _reference_errors(source, data.references.get(name), estimates, data)
+    coarse_m = np.asarray(found.fold.coarse_point_m)[: len(anchors)]
+    growth = drift_growth(
+        trajectory, anchors, float(found.fold.coarse.scale), coarse_m - anchors.surveyed_enh_m, ensemble, learned
+    )
+    clock.end()
+    said = (*said, *upside_down(np.asarray(found.fold.coarse.rotation)))
+    return _result(
+        name, trajectory, anchors, found, held_out, refined, reference, written, growth, clock.timing_s, said
+    )
+
+
+def anchored(
+    name: str, settings: Settings, data: Ingested, clock: "Clock"
+) -> tuple[Trajectory, Anchors, tuple[str, ...]]:
+    """One trajectory, its anchors, and what is to be said of them.
+
+    Raises:
+        InputError: sightings or survey do not fit the trajectory.
+    """
+    trajectory = data.trajectories[name]
     clock.phase("anchors")
     anchors, said = make_anchors(
         trajectory, data.sightings, data.visits, data.survey, origin_enh_m=data.frame.origin_enh_m
     )
     refuse_exchanged_axes(trajectory, anchors, scale=settings.coarse_scale, gravity=settings.coarse_gravity)
-    if config.evaluate.leave_one_out:
-        clock.phase("correct and hold out")
-        found, held_out = correct_and_hold_out(trajectory, anchors, noise, settings)
-    else:
-        clock.phase("correct")
-        found, held_out = correct(trajectory, anchors, noise, settings), None
-    clock.phase("compare")
-    reference = _reference_errors(source, data.references.get(name), found, data)
-    clock.end()
-    said = (*data.warnings, *said, *upside_down(np.asarray(found.fold.coarse.rotation)))
-    return _result(name, trajectory, anchors, found, held_out, reference, noise, clock.timing_s, said)
+    return trajectory, anchors, (*data.warnings, *said)
+
+
+def _of_fixed(found: Correction, held_out: LeaveOneOut | None, k: int) -> _Refined:
+    solution = found.fold.solution
+    return _Refined(
+        stage="fixed",
+        corrected=found.corrected,
+        covariance=found.covariance,
+        point_m=np.asarray(found.fold.point_m)[:k],
+        log_scale=found.log_scale,
+        solver={"result": found.result, "steps": int(solution.steps), "cost": float(solution.cost)},
+        held_out=None if held_out is None else held_out.refined,
+        held_out_m=None if held_out is None else held_out.point_m,
+    )
+
+
+def _of_ensemble(stage: str, found: EnsembleCorrection, held_out: EnsembleHeldOut | None, k: int) -> _Refined:
+    """Of a mixture there is no one cost, and its log-scale has no standard deviation of its own."""
+    return _Refined(
+        stage=stage,
+        corrected=found.corrected,
+        covariance=found.covariance,
+        point_m=found.point_m[:k],
+        log_scale=(found.log_scale, float("nan")),
+        solver={"result": "converged", "steps": found.rounds, "cost": None},
+        held_out=None if held_out is None else held_out.refined,
+        held_out_m=None if held_out is None else held_out.point_m,
+    )
 
 
 @contextlib.contextmanager
-def _named(name: str) -> Iterator[None]:
+def named(name: str) -> Iterator[None]:
     """Errors say which trajectory they are about."""
     try:
         yield
@@ -116,40 +208,39 @@ def _result(
     anchors: Anchors,
     found: Correction,
     held_out: LeaveOneOut | None,
+    refined: list[_Refined],
     reference: dict[str, ReferenceError],
-    noise: OdometryNoise,
+    noise: dict[str, Any],
+    growth: DriftGrowth,
     timing_s: dict[str, float],
     warnings: tuple[str, ...],
 ) -> TrajectoryResult:
-    k, fold = len(anchors), found.fold
-    point, coarse_point = np.asarray(fold.point_m)[:k], np.asarray(fold.coarse_point_m)[:k]
-    points = {"coarse_m": coarse_point, "refined_m": point}
-    stages: dict[str, HeldOut] = {}
-    if held_out is not None:
-        points["held_out_m"] = held_out.point_m
-        stages = {"coarse": held_out.coarse, "fixed": held_out.refined}
+    """The last of `refined` is what is written."""
+    final, coarse_point = refined[-1], np.asarray(found.fold.coarse_point_m)[: len(anchors)]
+    points = {"coarse_m": coarse_point, "refined_m": final.point_m}
+    stages: dict[str, HeldOut] = {} if held_out is None else {"coarse": held_out.coarse}
+    stages |= {each.stage: each.held_out for each in refined if each.held_out is not None}
+    if final.held_out_m is not None:
+        points["held_out_m"] = final.held_out_m
     return TrajectoryResult(
         name=name,
         measured=trajectory,
         coarse=coarse_fit(found),
         coarse_trajectory=found.coarse,
-        corrected=found.corrected,
-        covariance=found.covariance,
+        corrected=final.corrected,
+        covariance=final.covariance,
         anchors=anchors,
         residual_coarse_m=coarse_point - anchors.surveyed_enh_m,
-        residual_refined_m=point - anchors.surveyed_enh_m,
+        residual_refined_m=final.point_m - anchors.surveyed_enh_m,
         held_out=stages,
         revisit=revisit_gaps(anchors.location, points),
         reference=reference,
-        noise={"fixed": noise_values(noise)},
-        log_scale=found.log_scale,
-        solver={
-            "result": found.result,
-            "steps": int(fold.solution.steps),
-            "cost": float(fold.solution.cost),
-        },
+        noise=noise,
+        log_scale=final.log_scale,
+        solver=final.solver,
         timing_s=timing_s,
         warnings=warnings,
+        drift_growth=growth,
     )
 
 
@@ -160,15 +251,10 @@ def coarse_fit(found: Correction) -> CoarseFit:
     return CoarseFit(float(fit.scale), np.asarray(fit.rotation), measured_to_grid, float(found.fold.coarse_rms_m))
 
 
-def noise_values(noise: OdometryNoise) -> dict[str, float | list[float]]:
-    """Noise as plain numbers, named as in the config."""
-    return {name: np.asarray(value).tolist() for name, value in vars(noise).items()}
-
-
 def _reference_errors(
-    source: TrajectoryInput, reference: Trajectory | None, found: Correction, data: Ingested
+    source: TrajectoryInput, reference: Trajectory | None, estimates: dict[str, Trajectory], data: Ingested
 ) -> dict[str, ReferenceError]:
-    """ATE of both stages; only a reference in a frame of its own is aligned first."""
+    """ATE of every stage's trajectory; only a reference in a frame of its own is aligned first."""
     if reference is None or source.reference is None:
         return {}
     if source.reference.frame == "grid":
@@ -178,11 +264,11 @@ def _reference_errors(
     arm = source.reference.t_body_reference_m
     return {
         stage: absolute_error(estimate, reference, t_body_reference_m=arm, align=align)
-        for stage, estimate in (("coarse", found.coarse), ("fixed", found.corrected))
+        for stage, estimate in estimates.items()
     }
 
 
-class _Clock:
+class Clock:
     """Times phases and shows them."""
 
     def __init__(self, progress: Progress, name: str) -> None:

@@ -5,7 +5,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from jaxgeo.config.fields import FileName, Name, NonNegative, Positive, Section, Vector, nearest
+from jaxgeo.config.fields import FileName, InputFile, Name, NonNegative, Positive, Section, Vector, nearest
 from jaxgeo.config.inputs import (
     ControlPointSightingsInput,
     CornerSightingsInput,
@@ -23,12 +23,6 @@ def _crs(value: Any) -> Any:
     if not isinstance(value, str) or not re.fullmatch(r"local|epsg:\d+(\+\d+)?", value.lower()):
         raise ValueError("expected EPSG:<code>, EPSG:<horizontal>+<vertical>, or local for a site frame")
     return "local" if value.lower() == "local" else value.upper()
-
-
-def _noise_mode(value: Any) -> Any:
-    if value == "learned":
-        raise ValueError("noise is not learned by this version; expected fixed (values by odometry kind, or your own)")
-    return value
 
 
 class Visits(Section):
@@ -54,10 +48,43 @@ class Visits(Section):
 
 
 class Noise(Section):
-    """`mode`: fixed. `values` replace the defaults of every trajectory; a trajectory's own `noise` goes before them."""
+    """Odometry noise: learned from the session itself, or fixed.
 
-    mode: Annotated[Literal["fixed"], BeforeValidator(_noise_mode)] = "fixed"
+    Attributes:
+        mode: learned, or fixed. The fixed noise is worked out beside the learned one too, for comparison.
+        values: replace the defaults of every trajectory; a trajectory's own `noise` goes before them. They are the
+            fixed noise, and where the prior of the learned one has its medians.
+        observations: what is learned from: anchors, revisits without coordinates, or both.
+        free_anchor_factor: also learn one common factor on the anchors' own standard deviations.
+        file: noise.json of another session; `trajectory` which of several trajectories in it.
+        use: of the file: `prior`, where learning starts; `fixed`, used as it is, with mode fixed.
+    """
+
+    mode: Literal["learned", "fixed"] = "learned"
     values: NoiseValues = NoiseValues()
+    observations: Literal["both", "anchors", "revisit"] = "both"
+    free_anchor_factor: bool = False
+    file: InputFile | None = None
+    trajectory: Name | None = None
+    use: Literal["prior", "fixed"] = "prior"
+
+    @model_validator(mode="after")
+    def _check_file(self):
+        if self.file is None:
+            for key, given in (("trajectory", self.trajectory is not None), ("use", self.use == "fixed")):
+                if given:
+                    raise ValueError(f"{key!r} is about the noise.json of another session: give 'file', or remove it")
+        elif self.mode == "learned" and self.use == "fixed":
+            raise ValueError(
+                "use is fixed, but mode is learned: with 'mode: fixed' the file's noise is used as it is, with "
+                "'use: prior' learning starts from it"
+            )
+        elif self.mode == "fixed" and self.use == "prior":
+            raise ValueError(
+                "mode is fixed, so nothing is learned that the file could be a prior of: with 'use: fixed' its noise "
+                "is used as it is, with 'mode: learned' learning starts from it"
+            )
+        return self
 
 
 class Coarse(Section):
@@ -144,6 +171,16 @@ class SessionConfig(Section):
             raise ValueError(
                 "missing key 'survey': the surveyed points: {file: ..}, {points: ..} or {from_trajectory: ..}"
             )
+        return self
+
+    @model_validator(mode="after")
+    def _check_noise(self):
+        if self.noise.use == "fixed":
+            given = {"noise.values": self.noise.values}
+            given |= {f"trajectories.{name}.noise": t.noise for name, t in self.trajectories.items()}
+            for key, values in given.items():
+                if values != NoiseValues():
+                    raise ValueError(f"{key} and noise.file (use: fixed) both say what the noise is: remove one")
         return self
 
     @model_validator(mode="after")

@@ -7,6 +7,7 @@ import numpy as np
 from jaxgeo.data import Anchors
 from jaxgeo.export.held_out_stats import STAGES, HeldOutStats, stats_by_stage
 from jaxgeo.export.json_text import json_ready
+from jaxgeo.export.noise_file import noise_figures
 from jaxgeo.export.result import HeldOut, ReferenceError, SessionResult, TrajectoryResult
 
 
@@ -51,7 +52,7 @@ def trajectory_metrics(trajectory: TrajectoryResult) -> dict[str, Any]:
             stage: reference_metrics(trajectory.reference[stage]) if stage in trajectory.reference else None
             for stage in STAGES
         },
-        "noise": trajectory.noise,
+        "noise": noise_figures(trajectory.noise),
         "solver": trajectory.solver,
         "timing_s": trajectory.timing_s,
         "warnings": trajectory.warnings,

@@ -1,15 +1,18 @@
 """report.html: what was done and how good it is, for a surveyor who never saw the code; one file, no network."""
 
 import json
+import math
 from collections.abc import Iterator
 
 from jaxgeo.export.before_after import before_after
+from jaxgeo.export.drift_plot import drift_plot
 from jaxgeo.export.figure_style import distance_along_m
 from jaxgeo.export.geojson_file import NO_DATUM
 from jaxgeo.export.height_profile import height_profile
 from jaxgeo.export.held_out_plot import held_out_plot
-from jaxgeo.export.held_out_stats import MIN_CHECK_POINTS, final_stage, stats_by_stage
+from jaxgeo.export.held_out_stats import MIN_CHECK_POINTS, stats_by_stage
 from jaxgeo.export.json_text import json_ready
+from jaxgeo.export.noise_section import drift_caption, noise_section
 from jaxgeo.export.number_words import decimal, duration_words, length_words, number_text
 from jaxgeo.export.plan_view import plan_view
 from jaxgeo.export.report_page import bullets, details, escape, facts, figure, page, paragraph
@@ -39,6 +42,9 @@ WORDS = {
     "1 sigma, 95 % ellipse": "The predicted standard deviation, and the region that should hold 95 of 100 errors.",
     "NEES": "The squared error in units of its predicted covariance. Its mean should be near 3; a much larger value "
     "says that the predicted uncertainty is too small.",
+    "Fixed noise, learned noise": "How much the odometry drifts decides how far each motion between poses may give "
+    "way. Fixed noise takes values that are usual for its kind; learned noise takes them from the contradictions "
+    "between this session's own anchors, again in every fold. Where the anchors cannot tell, it stays near the usual.",
     "Spread": "RMS distance of a visit's single sightings from their centre.",
 }
 
@@ -84,12 +90,19 @@ def method(result: SessionResult) -> Iterator[str]:
     yield "<h2>What was done</h2>"
     yield paragraph(
         "Each trajectory was first fitted to the surveyed points as a whole (one-time similarity), then corrected pose "
-        "by pose with the surveyed points as anchors. Errors called 'held out' come from repeating all of this with "
-        "every location left out in turn."
+        "by pose with the surveyed points as anchors. How much the odometry may give way between them was "
+        f"{how_noise_came(result)}. Errors called 'held out' come from repeating all of this with every location left "
+        "out in turn."
     )
     yield facts("Coordinates: figures and trajectory.tum have the origin taken off", frame_facts(result))
     if not result.frame.has_datum:
         yield paragraph(f"trajectory.geojson was not written: {NO_DATUM}.", "note")
+
+
+def how_noise_came(result: SessionResult) -> str:
+    """Learned or fixed, of the whole session."""
+    learned = any("learned" in t.noise for t in result.trajectories.values())
+    return "learned from the anchors themselves" if learned else "fixed beforehand"
 
 
 def frame_facts(result: SessionResult) -> Iterator[tuple[str, str]]:
@@ -144,6 +157,7 @@ def trajectory_section(result: SessionResult, trajectory: TrajectoryResult) -> I
             "note",
         )
     yield from uncertainty(trajectory)
+    yield from odometry_noise(trajectory)
     yield "<h3>Height</h3>"
     yield figure(
         height_profile(result, trajectory), f"Height profile of {trajectory.name}", "The band holds two sigma each way."
@@ -195,15 +209,28 @@ def uncertainty(trajectory: TrajectoryResult) -> Iterator[str]:
         )
 
 
+def odometry_noise(trajectory: TrajectoryResult) -> Iterator[str]:
+    """How the odometry drifts: as learned, or as assumed."""
+    learned, growth = trajectory.noise.get("learned"), trajectory.drift_growth
+    if learned is not None:
+        yield "<h3>Odometry noise, learned</h3>"
+        yield from noise_section(trajectory.name, learned, growth)
+    elif growth is not None:
+        yield "<h3>Odometry noise, fixed</h3>"
+        yield figure(drift_plot(growth), f"Drift growth of {trajectory.name}", drift_caption(growth))
+
+
 def numbers(trajectory: TrajectoryResult) -> Iterator[str]:
     """Noise, solver, timings."""
     yield "<h3>Values used</h3>"
-    yield facts(
-        f"Noise values ({final_stage(trajectory)} noise made the corrected trajectory)", flat_pairs(trajectory.noise)
-    )
+    fixed = {stage: values for stage, values in trajectory.noise.items() if stage != "learned"}
+    which = "for comparison; the corrected trajectory has the learned ones" if "learned" in trajectory.noise else "used"
+    yield facts(f"Fixed noise values, {which}", flat_pairs(fixed))
     log_scale, sigma = trajectory.log_scale
     solver = [*flat_pairs(trajectory.solver)]
-    if sigma > 0.0:
+    if math.isnan(sigma):
+        solver.append(("log-scale of the odometry", number_text(log_scale)))
+    elif sigma > 0.0:
         solver.append(("log-scale of the odometry", f"{number_text(log_scale)} ± {number_text(sigma)}"))
     yield facts("Solver", solver)
     yield facts("Time in seconds", flat_pairs(trajectory.timing_s))

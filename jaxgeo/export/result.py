@@ -51,6 +51,27 @@ class ReferenceError:
 
 
 @dataclasses.dataclass(frozen=True)
+class DriftGrowth:
+    """How far odometry alone, started without error at the first anchor, drifts in position (length in space).
+
+    Attributes:
+        distance_m: (p,) from the first anchor, along the odometry's path.
+        fixed_m: (p,) one sigma that the fixed noise predicts.
+        learned_m: (p,) that the learned noise predicts; `learned_band_m` (2, p) ends of its 95 % range over the noise
+            values that the data leave possible. None where nothing was learned.
+        observed_distance_m, observed_m: (k,) of every anchor: its misclosure after the one-time similarity, less the
+            first anchor's.
+    """
+
+    distance_m: Float[np.ndarray, "p"]
+    fixed_m: Float[np.ndarray, "p"]
+    learned_m: Float[np.ndarray, "p"] | None
+    learned_band_m: Float[np.ndarray, "2 p"] | None
+    observed_distance_m: Float[np.ndarray, "k"]
+    observed_m: Float[np.ndarray, "k"]
+
+
+@dataclasses.dataclass(frozen=True)
 class TrajectoryResult:
     """One trajectory, corrected.
 
@@ -69,11 +90,13 @@ class TrajectoryResult:
             the fold that held the location out: the honest one. It is missing where nothing was held out, NaN where
             the fold failed.
         reference: by stage, empty where no reference was given.
-        noise: noise values used, by stage, as written to noise.json.
+        noise: noise values used, by stage, as written to noise.json: `fixed`, and `learned` where the written
+            trajectory was corrected with it.
         log_scale: estimated log-scale of the odometry and its standard deviation (0, 0 where it is not estimated).
         solver: {"result": str, "steps": int, "cost": float}.
         timing_s: seconds by phase.
         warnings: sentences for the user.
+        drift_growth: predicted and observed drift of the odometry alone.
     """
 
     name: str
@@ -93,6 +116,7 @@ class TrajectoryResult:
     solver: dict[str, Any]
     timing_s: dict[str, float]
     warnings: tuple[str, ...] = ()
+    drift_growth: DriftGrowth | None = None
 
 
 @dataclasses.dataclass(frozen=True)

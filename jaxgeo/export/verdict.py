@@ -26,6 +26,7 @@ def verdict(trajectory: TrajectoryResult) -> Verdict:
         sentence = "There is no held-out error: nothing in this report says how good the corrected trajectory is."
         return Verdict("bad", (sentence, *revisit_sentences(trajectory)))
     level, sentences = gain(stats, stage)
+    sentences += learned_or_fixed(stats)
     for judge in (consistency, failures, few_points):
         worse, more = judge(stats[stage])
         level = worst(level, worse)
@@ -49,7 +50,32 @@ def gain(stats: dict[str, HeldOutStats], stage: str) -> tuple[str, tuple[str, ..
         return "good", (f"{against} The correction takes off {100 * (1 - ratio):.0f} % of the error.",)
     if ratio <= 1.05:
         return "caution", (f"{against} The correction makes no difference that matters.",)
-    return "bad", (f"{against} The correction makes it worse: do not use this trajectory as it is.",)
+    noise = f", with {stage} noise," if stage == "learned" else ""
+    return "bad", (
+        f"{against} The correction{noise} makes it worse, by {100 * (ratio - 1):.0f} %: do not use this trajectory as "
+        "it is.",
+    )
+
+
+def learned_or_fixed(stats: dict[str, HeldOutStats]) -> tuple[str, ...]:
+    """Learned noise against fixed noise, on the visits that both have an error of."""
+    if "learned" not in stats or "fixed" not in stats:
+        return ()
+    both = np.isfinite(stats["learned"].norm_m) & np.isfinite(stats["fixed"].norm_m)
+    if not both.any():
+        return ()
+    learned, fixed = (float(stats[stage].norm_m[both].mean()) for stage in ("learned", "fixed"))
+    pair = f"held out {length_words(learned)} against {length_words(fixed)}"
+    if learned < 0.95 * fixed:
+        said = f"Learning the odometry noise pays: {pair} with fixed noise, {100 * (1 - learned / fixed):.0f} % less."
+    elif learned <= 1.05 * fixed:
+        said = f"Learned and fixed odometry noise do equally well: {pair}."
+    else:
+        said = (
+            f"Learning the odometry noise does not pay here: {pair} with fixed noise, "
+            f"{100 * (learned / fixed - 1):.0f} % more (noise.mode: fixed keeps to that)."
+        )
+    return (said,)
 
 
 def consistency(stats: HeldOutStats) -> tuple[str, tuple[str, ...]]:

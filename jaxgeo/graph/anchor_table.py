@@ -23,6 +23,7 @@ class AnchorTable(eqx.Module):
         rotation: (k, 3, 3) body-to-grid rotation that the surveyed marker rotation implies; identity where none.
         rotation_covariance_rad2: (k, 3, 3) body axes.
         has_rotation: (k,) 1 where the marker's rotation was surveyed and seen.
+        location: (k,) equal for visits of one location; -1 for padding.
     """
 
     real: Float[Array, "k"]
@@ -35,10 +36,11 @@ class AnchorTable(eqx.Module):
     rotation: Float[Array, "k 3 3"]
     rotation_covariance_rad2: Float[Array, "k 3 3"]
     has_rotation: Float[Array, "k"]
+    location: Int[Array, "k"]
 
 
 def anchor_table(anchors: Anchors, chain: Chain, extra_sigma_m: float = 0.0) -> AnchorTable:
-    """Anchors for a chain; `extra_sigma_m` is added, in squares, to every survey covariance."""
+    """Anchors for a chain; `extra_sigma_m` is added, in squares, to every visit's own covariance."""
     k, n = len(anchors), chain.length_m.shape[0]
     padding = anchor_bucket(k) - k
     index = np.concatenate([anchors.pose_index, np.full(padding, n - 1)])
@@ -60,10 +62,11 @@ def anchor_table(anchors: Anchors, chain: Chain, extra_sigma_m: float = 0.0) -> 
         pose_index=jnp.asarray(index),
         later_than=jnp.asarray(np.searchsorted(index, np.arange(n), side="left")),
         lever_arm_m=grow(anchors.lever_arm_m, 0.0),
-        lever_covariance_m2=grow(anchors.lever_covariance_m2, eye),
+        lever_covariance_m2=grow(anchors.lever_covariance_m2 + extra_sigma_m**2 * eye, eye),
         surveyed_m=grow(anchors.surveyed_enh_m, 0.0),
-        survey_covariance_m2=grow(anchors.survey_covariance_m2 + extra_sigma_m**2 * eye, eye),
+        survey_covariance_m2=grow(anchors.survey_covariance_m2, eye),
         rotation=grow(rotation, eye),
         rotation_covariance_rad2=grow(rotation_covariance, eye),
         has_rotation=grow(known.astype(float), 0.0),
+        location=jnp.asarray(np.concatenate([anchors.location_index, np.full(padding, -1)])),
     )

@@ -1,6 +1,6 @@
 """A small, sound session as files: 200 poses, six locations, seven visits; every kind of input, a config for each.
 
-Nothing is held out, so that all of its runs share one compiled program.
+The noise is fixed and nothing is held out, so that all of its runs share one compiled program.
 
 Configs: `poses.yaml` (marker poses, one moved marker), `corners.yaml` (decoded ids and a rig), `stops.yaml` (control
 points), `truth.yaml` (survey and sightings from a true trajectory; KITTI rows with times).
@@ -41,6 +41,7 @@ survey: {file: survey.csv}
 """
 ODOMETRY = """\
 evaluate: {leave_one_out: false}
+noise: {mode: fixed}
 trajectories:
   icp:
     file: icp.tum
@@ -78,6 +79,7 @@ sightings:
     - {location: F, row: 155}
     - {location: A, row: 185}
 evaluate: {leave_one_out: false}
+noise: {mode: fixed}
 trajectories:
   icp: {file: icp.kitti, format: kitti, times: times.txt, odometry: lidar}
 """,

@@ -52,7 +52,7 @@ def test_relative_config_path_gives_absolute_inputs(base_path, monkeypatch):
 def test_defaults(base_path):
     config = load_config(base_path)
     assert config.visits.gap_s == 5.0
-    assert config.noise.mode == "fixed"
+    assert (config.noise.mode, config.noise.observations, config.noise.file) == ("learned", "both", None)
     assert config.anchors.loss == "none"
     assert (config.coarse.scale, config.coarse.gravity, config.evaluate.leave_one_out) == (True, False, True)
     assert config.survey.sigma_m == (0.01, 0.01, 0.01)
@@ -83,6 +83,19 @@ def test_overrides_reach_everything_and_later_ones_win(base_path):
     assert config.sightings.columns == {"stamp_s": 0, "u0": "u"}
 
 
+def test_noise_of_another_session_is_found_beside_the_config(base_path):
+    config = load_config(base_path, ["noise.file=other/noise.json"])
+    assert config.noise.file == base_path.parent / "other" / "noise.json"
+    assert config.noise.use == "prior"
+
+
+def test_a_trajectorys_own_noise_contradicts_a_fixed_file(base_path):
+    own = "trajectories.icp.noise.sigma_log_scale=0.1"
+    load_config(base_path, ["noise={file: n.json}", own])
+    text = refusal(base_path, "noise={file: n.json, mode: fixed, use: fixed}", own)
+    assert "trajectories.icp.noise and noise.file (use: fixed) both say" in text
+
+
 def test_one_number_stands_for_all_markers_and_all_axes(base_path):
     config = load_config(
         base_path, [f"sightings={CORNERS}", "sightings.marker_size_m=0.2", "rig.file=r", "survey.sigma_m=2"]
@@ -103,6 +116,7 @@ def test_whole_numbers_are_names_where_names_are_meant(base_path):
         [f"sightings={CORNERS}", "rig={cameras: {cam0: {intrinsics_px: [1, 2, 3, 4], distortion: []}}}"],
         [f"sightings={STOPS}", "survey=null", "sightings.names=[A, B, A]", "origin_enh_m=[76000, 79000, 300.5]"],
         [f"sightings={TRUTH}", "survey={from_trajectory: {file: t, format: kitti, times: s, rows: {A: 0, B: 7}}}"],
+        ["noise={file: n.json, trajectory: icp, mode: fixed, use: fixed}"],
         ["trajectories.icp.reference={file: r, format: euroc, t_body_reference_m: [1e-9, 2, 3]}", "crs=local"],
     ],
 )
@@ -175,7 +189,16 @@ def test_any_name_and_number_survives_the_dump(tmp_path, name, number):
         ("trajectories.icp.rate_hz=10", "has its own stamps: remove 'rate_hz'"),
         ("trajectories.icp.odometry=null", "trajectories.icp.odometry: found None; it should be 'lidar', 'vio'"),
         ("trajectories.a/b={}", "trajectories.a/b: found 'a/b'; it names output files"),
-        ("noise.mode=learned", "noise is not learned by this version"),
+        ("noise.mode=guessed", "noise.mode: found 'guessed'; it should be 'learned' or 'fixed'"),
+        ("noise.observations=loops", "noise.observations: found 'loops'; it should be 'both', 'anchors' or 'revisit'"),
+        ("noise.use=fixed", "noise: 'use' is about the noise.json of another session: give 'file'"),
+        ("noise.trajectory=icp", "noise: 'trajectory' is about the noise.json of another session: give 'file'"),
+        ("noise={file: n.json, use: fixed}", "noise: use is fixed, but mode is learned: with 'mode: fixed'"),
+        ("noise={file: n.json, mode: fixed}", "noise: mode is fixed, so nothing is learned"),
+        (
+            "noise={file: n.json, mode: fixed, use: fixed, values: {sigma_log_scale: 0.1}}",
+            "noise.values and noise.file (use: fixed) both say what the noise is: remove one",
+        ),
         ("anchors.loss=hubert", "anchors.loss: found 'hubert'; it should be 'none', 'huber'"),
         ("solver.max_steps=0", "solver.max_steps: found 0"),
         ("origin_enh_m=[1,2]", "origin_enh_m: found [1, 2]; expected three numbers"),

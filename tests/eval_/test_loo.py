@@ -7,13 +7,17 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
-from eval.loo import LeaveOneOut, correct_and_hold_out
+import eval.loo
+from calibration.calibrate import LearnSettings, calibrate_and_correct
+from eval.loo import LeaveOneOut, correct_and_hold_out, correct_under_and_hold_out, learn_and_hold_out
 from eval.revisit import revisit_gaps
 from jaxgeo.associate import cut_visits, label_visits, make_anchors
 from jaxgeo.data import Anchors, Trajectory
 from jaxgeo.graph.anchor_table import anchor_table
 from jaxgeo.graph.chain import chain_of
+from jaxgeo.graph.components import ensemble_of
 from jaxgeo.graph.noise import OdometryNoise
 from jaxgeo.graph.noise_defaults import default_noise
 from jaxgeo.simulate.session import ORDER, ORIGIN_ENH_M, simulate_session
@@ -129,3 +133,82 @@ def test_predicted_covariance_is_that_of_the_error(session):
 def test_revisit_gap_is_the_largest_distance_between_visits():
     points = {"coarse_m": np.array([[0.0, 0, 0], [3, 4, 0], [9, 9, 9], [0, 0, 1]])}
     assert revisit_gaps(("A", "A", "B", "A"), points) == {"A": {"coarse_m": pytest.approx(np.sqrt(26))}}
+
+
+LEARN = LearnSettings("lidar", NOISE)
+
+
+@pytest.fixture(scope="module")
+def learned(session):
+    trajectory, anchors = session
+    fixed = hold_out(trajectory, anchors)
+    return fixed, learn_and_hold_out(trajectory, anchors, SETTINGS, LEARN, fixed)
+
+
+def test_learned_folds_predict_what_learning_without_the_location_corrects(session, learned):
+    trajectory, anchors = session
+    _, (_, _, found) = learned
+    here = np.array([name != "D" for name in anchors.location])
+    # The fold that leaves D out, as the only one: its poses, not its prediction, say where D's marker is.
+    _, correction, _ = calibrate_and_correct(
+        trajectory, without(anchors, "D")[0], SETTINGS, LEARN, np.ones((1, int(here.sum())))
+    )
+    (row,) = np.flatnonzero(~here)
+    pose, arm = anchors.pose_index[row], anchors.lever_arm_m[row]
+    turned = Rotation.from_quat(correction.corrected.quat_wxyz[pose], scalar_first=True).apply(arm)
+    np.testing.assert_allclose(found.point_m[row], correction.corrected.position_m[pose] + turned, atol=2e-3)
+    assert found.refined.result[row] == "converged"
+
+
+def test_held_out_coordinates_reach_nothing_that_is_learned_in_their_own_fold(session, learned):
+    trajectory, anchors = session
+    fixed, (_, _, found) = learned
+    for location in ("A", "D"):
+        here = np.array([name == location for name in anchors.location])
+        # Not too far: the correction with all anchors, which reads it, must settle.
+        spoilt = moved(anchors, location, np.array([3.0, -2.0, 0.7]))
+        _, _, other = learn_and_hold_out(trajectory, spoilt, SETTINGS, LEARN, fixed)
+        np.testing.assert_array_equal(other.point_m[here], found.point_m[here])
+        np.testing.assert_array_equal(other.refined.covariance_m2[here], found.refined.covariance_m2[here])
+        assert np.abs(other.point_m[~here] - found.point_m[~here]).max() > 0.01
+
+
+def test_a_fold_that_is_not_determined_says_so_with_learned_noise_too(session):
+    trajectory, anchors = session
+    three = anchors
+    for location in ("B", "C", "D"):
+        three, _ = without(three, location)
+    fixed = hold_out(trajectory, three)
+    _, _, found = learn_and_hold_out(trajectory, three, SETTINGS, LEARN, fixed)
+    assert np.isnan(found.refined.error_enh_m).all()
+    assert np.isnan(found.refined.covariance_m2).all()
+    assert found.refined.result == fixed.refined.result
+
+
+def test_a_learned_fold_that_does_not_settle_gives_nothing_and_says_so(session, learned, monkeypatch):
+    trajectory, anchors = session
+    fixed, _ = learned
+
+    def one_unsettled(*arguments):
+        calibration, correction, folds = calibrate_and_correct(*arguments)
+        settled = np.asarray(folds.fold.settled).copy()
+        settled[1 + anchors.location_index[2]] = False
+        return calibration, correction, eqx.tree_at(lambda f: f.fold.settled, folds, settled)
+
+    monkeypatch.setattr(eval.loo, "calibrate_and_correct", one_unsettled)
+    _, _, found = learn_and_hold_out(trajectory, anchors, SETTINGS, LEARN, fixed)
+    bad = anchors.location_index == anchors.location_index[2]
+    assert np.isnan(found.point_m[bad]).all()
+    assert np.isfinite(found.point_m[~bad]).all()
+    assert found.refined.result[2].startswith("not settled after ")
+
+
+def test_a_fixed_noise_as_an_ensemble_of_one_gives_the_fixed_folds(session, learned):
+    trajectory, anchors = session
+    fixed, _ = learned
+    correction, found = correct_under_and_hold_out(trajectory, anchors, SETTINGS, ensemble_of(NOISE), fixed)
+    np.testing.assert_allclose(found.point_m, fixed.point_m, atol=1e-3)
+    np.testing.assert_allclose(found.refined.covariance_m2, fixed.refined.covariance_m2, rtol=0.02, atol=1e-6)
+    expected = correct_and_hold_out(trajectory, anchors, NOISE, SETTINGS)[0]
+    # Millimetres at the end of the path, far from any marker: settled means that no marker moves.
+    np.testing.assert_allclose(correction.corrected.position_m, expected.corrected.position_m, atol=0.01)

@@ -3,6 +3,7 @@
 import dataclasses
 
 import numpy as np
+from export.synthetic_learned import drift_curves, learned_noise
 from scipy.spatial.transform import Rotation
 
 from jaxgeo.data import Anchors, Trajectory
@@ -32,6 +33,7 @@ def luref_session(n_poses: int = 1829, simulated: bool = True) -> SessionResult:
         reference={},
         warnings=(),
         noise={"fixed": dense.noise["fixed"]},
+        drift_growth=None,
     )
     return session("luref_walk", LocalFrame.create("EPSG:2169", ORIGIN_ENH_M), survey, [icp, dense], simulated)
 
@@ -49,7 +51,7 @@ def session(name: str, frame: LocalFrame, survey: dict, trajectories: list, simu
         frame=frame,
         survey_enh_m=survey,
         trajectories={t.name: t for t in trajectories},
-        config={"name": name, "crs": frame.crs, "seed": 7, "noise": {"mode": "fixed"}, "simulated": simulated},
+        config={"name": name, "crs": frame.crs, "seed": 7, "noise": {"mode": "learned"}, "simulated": simulated},
         run={
             "versions": {"jaxgeo": "0.1.0", "jax": "0.10.2", "python": "3.11.2"},
             "input_sha256": {"survey.csv": "9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08"},
@@ -92,11 +94,12 @@ def trajectory_result(name: str, survey: dict, n_poses: int, drift: float, seed:
         held_out=make_held_out(rng, residual_coarse_m, drift),
         revisit={"A": {"coarse_m": 2.24 * drift, "refined_m": 0.031 * drift, "held_out_m": 0.47 * drift}},
         reference={s: make_reference(rng, stamp_s, scale) for s, scale in zip(STAGES, (0.8, 0.2, 0.15), strict=True)},
-        noise={"fixed": {"sigma_trans": 0.02, "sigma_rot": 0.003}, "learned": {"sigma_trans": 0.031, "evidence": None}},
+        noise={"fixed": {"sigma_trans": 0.02, "sigma_rot": 0.003}, "learned": learned_noise()},
         log_scale=(0.0031, 0.0008),
         solver={"result": "converged", "steps": 5, "cost": 12.345},
         timing_s={"coarse": 0.01, "graph": 0.21, "leave_one_out": 0.4},
         warnings=("2 sightings lay outside the trajectory's time & were left out",),
+        drift_growth=drift_curves(),
     )
 
 

@@ -34,6 +34,15 @@ def test_keys_of_the_contract(session):
     assert (metrics["simulated"], icp["seed"], icp["versions"]["jax"]) == (True, 7, "0.10.2")
 
 
+def test_noise_in_metrics_is_what_can_be_read(session):
+    noise = metrics_dict(session)["trajectories"]["icp"]["noise"]
+    assert noise["fixed"] == {"sigma_trans": 0.02, "sigma_rot": 0.003}
+    assert noise["learned"]["models"] == {"white": 0.73, "white + bias": 0.27}
+    assert noise["learned"]["sigmas"]["log_scale"]["probability"] == 0.73
+    assert noise["learned"]["n_contrasts"] == 15
+    assert not {"ensemble", "theta_covariance", "profiles"} & set(noise["learned"])
+
+
 def test_stages_that_do_not_exist_are_null(session):
     dense = metrics_dict(session)["trajectories"]["dense"]
     assert dense["loo"]["learned"] is None

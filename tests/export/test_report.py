@@ -77,7 +77,7 @@ def test_page_is_well_formed_and_fetches_nothing(page):
 
 def test_figures_are_whole_svgs_without_links(page):
     drawn = figures(page)
-    assert len(drawn) == 2 * 5
+    assert len(drawn) == 2 * 5 + 2  # and, of the learned one, its drift and its profiles
     for svg in drawn:
         root = ET.fromstring(svg)
         assert root.tag.endswith("svg")
@@ -159,6 +159,35 @@ def test_verdict_on_the_uncertainty(session, sigma, words):
     assert ("5.0 times the predicted" if sigma < 0.1 else "10.0 times smaller") in found.sentences[1]
 
 
+@pytest.mark.parametrize(
+    ("learned_m", "words"),
+    [
+        (
+            0.1,
+            "Learning the odometry noise pays: held out 17.3\u202fcm against 34.6\u202fcm with fixed noise, 50 % less.",
+        ),
+        (0.2, "Learned and fixed odometry noise do equally well: held out 34.6\u202fcm against 34.6\u202fcm."),
+        (0.3, "does not pay here: held out 52.0\u202fcm against 34.6\u202fcm with fixed noise, 50 % more"),
+    ],
+)
+def test_verdict_on_learning(session, learned_m, words):
+    icp = session.trajectories["icp"]
+    stages = {stage: held_out(np.full((7, 3), m), m) for stage, m in (("fixed", 0.2), ("learned", learned_m))}
+    errors = stages["fixed"].error_enh_m
+    errors[3] = np.nan  # a visit that one of them lacks is not compared
+    sentences = verdict(replaced(icp, held_out={"coarse": held_out(np.ones((7, 3)), np.nan), **stages})).sentences
+    assert words in sentences[1]
+
+
+def test_verdict_when_learned_is_worse_than_the_similarity(session):
+    icp = session.trajectories["icp"]
+    stages = {"coarse": 1.0, "fixed": 0.5, "learned": 1.5}
+    found = verdict(replaced(icp, held_out={s: held_out(np.full((7, 3), m), m) for s, m in stages.items()}))
+    assert found.level == "bad"
+    assert "The correction, with learned noise, makes it worse, by 50 %" in found.sentences[0]
+    assert "noise.mode: fixed keeps to that" in found.sentences[1]
+
+
 def test_verdict_names_failed_folds(session):
     errors = np.full((7, 3), 0.1)
     errors[3] = np.nan
@@ -169,7 +198,7 @@ def test_verdict_names_failed_folds(session):
 
 def test_report_without_held_out_errors_revisits_or_reference(session):
     icp = session.trajectories["icp"]
-    bare = replaced(icp, held_out={}, revisit={}, reference={}, noise={"fixed": {}}, warnings=())
+    bare = replaced(icp, held_out={}, revisit={}, reference={}, noise={"fixed": {}}, warnings=(), drift_growth=None)
     page = report_html(replaced(session, trajectories={"icp": bare}))
     text = Outline(page).text
     assert "There is no held-out error" in text
