@@ -1,7 +1,7 @@
 """The family of noise models between which the data choose, and the priors of their sigmas.
 
 A prior is log-normal: median and standard deviation of log sigma. The white medians are the fixed defaults of the kind
-of odometry (`jaxgeo.graph.noise_defaults`), uncertain by a factor e^1.5 all together, e^0.5 translation against
+of odometry (`jaxgeo.graph.noise_defaults`), uncertain by a factor e^2 all together, e^0.5 translation against
 rotation, e^0.3 one axis against another. A bias is said relative to the white noise: its median moves a pose, over the
 span of the anchors, three times as far as the white noise does (sigma_bias = 3 sigma_white / sqrt(span)), a wander as
 far as the white noise does, so that one prior serves 50 m and 5 km; a model that has it and does not need it loses by
@@ -41,7 +41,7 @@ MODELS: dict[str, tuple[int, ...]] = {
     "white + bounded": (*_WHITE, LOG_SCALE, BOUNDED),
     "bounded": (LOG_SCALE, BOUNDED),
 }
-LEVEL, GROUP, AXIS, OTHER = 1.5, 0.5, 0.3, 1.0
+LEVEL, GROUP, AXIS, OTHER = 2.0, 0.5, 0.3, 1.0
 BIAS_OVER_WHITE = 3.0
 TURN_OVER_ROT = 1.0 / 3.0
 # Medians of what has no default of its own: a tenth of a metre of bounded error; a scale of the turns of a tenth of a

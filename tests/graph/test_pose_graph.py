@@ -78,7 +78,8 @@ class TestAnchorTable:
         assert_allclose(table.has_rotation, [1, 1, 0, 1, 1, 1, 1, 0])
         assert_allclose(table.real, [1] * K + [0])
         assert_allclose(table.rotation_covariance_rad2[2], np.eye(3))
-        more = np.asarray(table.survey_covariance_m2)[:K] - made.anchors.survey_covariance_m2
+        assert_allclose(np.asarray(table.survey_covariance_m2)[:K], made.anchors.survey_covariance_m2)
+        more = np.asarray(table.lever_covariance_m2)[:K] - made.anchors.lever_covariance_m2
         assert_allclose(more, np.broadcast_to(0.09 * np.eye(3), (K, 3, 3)), atol=1e-15)
 
     def test_number_of_anchors_before_a_pose(self):
