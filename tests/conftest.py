@@ -9,6 +9,9 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
+# Most of a cold run is compiling, each program for a few calls: half of LLVM's work on them is not worth its time.
+os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --xla_backend_optimization_level=0".strip()
+
 import hypothesis
 import jax
 import pytest
