@@ -18,11 +18,9 @@ from jaxgeo.graph.anchor_table import anchor_table
 from jaxgeo.graph.bucket import anchor_bucket
 from jaxgeo.graph.chain import chain_of
 from jaxgeo.graph.noise import OdometryNoise
-from jaxgeo.graph.pose_graph import Terms
 from jaxgeo.precision import assert_float64
 from jaxgeo.solve.correct import Settings
 from jaxgeo.solve.ensemble_correct import EnsembleCorrection, ensemble_correction
-from jaxgeo.solve.fold import FoldOptions
 
 
 @dataclasses.dataclass(frozen=True)
@@ -52,19 +50,7 @@ class LearnSettings:
 
 def learn_options(settings: Settings, learn: LearnSettings) -> LearnOptions:
     """The choices that compile."""
-    terms = Terms(settings.use_rotation, True, False, settings.loss)
-    return LearnOptions(
-        FoldOptions(settings.coarse_scale, settings.coarse_gravity, terms, settings.max_steps), learn.observations
-    )
-
-
-def calibrate(trajectory: Trajectory, anchors: Anchors, settings: Settings, learn: LearnSettings) -> Calibration:
-    """Learn the noise of one trajectory from all its anchors.
-
-    Raises:
-        ConvergenceError: learning and correcting did not settle.
-    """
-    return calibrate_and_correct(trajectory, anchors, settings, learn, np.zeros((0, len(anchors))))[0]
+    return LearnOptions(settings.ensemble_options(), learn.observations)
 
 
 def calibrate_and_correct(

@@ -12,7 +12,8 @@ from collections.abc import Callable
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+import numpy as np
+from jaxtyping import Array, ArrayLike, Float
 
 from calibration.fit import STARTS, ModelFit, fit_family, model_weights
 from calibration.models import FamilyPrior
@@ -29,6 +30,11 @@ from jaxgeo.solve.fold import FoldOptions
 # Rounds in which the noise is learned anew. Noise and trajectory that have not settled together by then (two optima
 # that take turns) are not going to: the noise is held, and the trajectory settles under it.
 LEARNING_ROUNDS = 12
+
+
+def noise_held(rounds: ArrayLike) -> np.ndarray:
+    """Whether noise and trajectory did not settle together, by the rounds that were taken."""
+    return np.asarray(rounds) > LEARNING_ROUNDS
 
 
 class FamilyPriorArrays(eqx.Module):

@@ -5,7 +5,7 @@ from jaxtyping import Float
 from scipy.optimize import brentq
 from scipy.stats import norm
 
-from calibration.learn import Learned
+from calibration.learn import LEARNING_ROUNDS, Learned, noise_held
 from calibration.models import MODELS, FamilyPrior
 from calibration.result import Calibration, ModelEstimate, SigmaEstimate
 from calibration.sentences import sentences
@@ -27,6 +27,7 @@ def summarise(learned: Learned, prior: FamilyPrior, kind: str, observations: str
     theta_mean, theta_covariance = _over_models(learned, prior, weight, mean, covariance)
     n_revisits = len(anchors) - len(set(anchors.location))
     n_contrasts = round(float(learned.found.count))
+    said = sentences(sigmas, n_contrasts, n_revisits, observations, anchors)
     return Calibration(
         kind=kind,
         observations=observations,
@@ -37,9 +38,18 @@ def summarise(learned: Learned, prior: FamilyPrior, kind: str, observations: str
         theta_covariance=theta_covariance,
         n_contrasts=n_contrasts,
         n_revisits=n_revisits,
-        sentences=sentences(sigmas, n_contrasts, n_revisits, observations, anchors),
+        sentences=(*_held(int(learned.fold.rounds)), *said),
         rounds=int(learned.fold.rounds),
         settled=bool(learned.fold.settled),
+    )
+
+
+def _held(rounds: int) -> tuple[str, ...]:
+    if not noise_held(rounds):
+        return ()
+    return (
+        f"Noise and trajectory did not settle together in {LEARNING_ROUNDS} rounds: the noise is that of the last of "
+        "them, and another answer fits almost as well.",
     )
 
 

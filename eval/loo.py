@@ -5,9 +5,10 @@ import dataclasses
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Int, Shaped
 
 from calibration.calibrate import LearnSettings, calibrate_and_correct
+from calibration.learn import LEARNING_ROUNDS, noise_held
 from calibration.result import Calibration
 from jaxgeo.data import Anchors, Trajectory
 from jaxgeo.errors import ConvergenceError
@@ -16,11 +17,10 @@ from jaxgeo.graph.anchor_table import anchor_table
 from jaxgeo.graph.chain import chain_of
 from jaxgeo.graph.components import NoiseEnsemble
 from jaxgeo.graph.noise import OdometryNoise
-from jaxgeo.graph.pose_graph import Terms
 from jaxgeo.solve.correct import Correction, Settings, correct_with_folds
 from jaxgeo.solve.ensemble_correct import EnsembleCorrection, ensemble_correction
 from jaxgeo.solve.ensemble_fold import EnsembleFold, solve_ensemble
-from jaxgeo.solve.fold import Fold, FoldOptions
+from jaxgeo.solve.fold import Fold
 from jaxgeo.solve.solver import result_words, succeeded
 
 
@@ -87,7 +87,8 @@ def learn_and_hold_out(
     fold = jax.tree.map(lambda x: x[1:], learned.fold)  # the first is that of all anchors
     point, covariance = np.asarray(fold.point_m), np.asarray(fold.error_covariance_m2)
     settled, rounds = np.asarray(fold.settled), np.asarray(fold.rounds)
-    return calibration, correction, _gather_ensemble(point, covariance, settled, rounds, anchors, fixed)
+    good = np.where(noise_held(rounds), f"converged, the noise held after {LEARNING_ROUNDS} rounds", "converged")
+    return calibration, correction, _gather_ensemble(point, covariance, settled, rounds, good, anchors, fixed)
 
 
 def correct_under_and_hold_out(
@@ -100,8 +101,7 @@ def correct_under_and_hold_out(
     """
     chain = chain_of(trajectory)
     table = anchor_table(anchors, chain, settings.extra_sigma_m)
-    terms = Terms(settings.use_rotation, True, False, settings.loss)
-    options = FoldOptions(settings.coarse_scale, settings.coarse_gravity, terms, settings.max_steps)
+    options = settings.ensemble_options()
     width = jnp.asarray(settings.loss_width)
 
     def solved(use: Float[np.ndarray, "k"]) -> EnsembleFold:
@@ -123,7 +123,8 @@ def correct_under_and_hold_out(
         np.array([np.asarray(getattr(fold, name)) for fold in folds])
         for name in ("point_m", "error_covariance_m2", "settled", "rounds")
     )
-    return correction, _gather_ensemble(point, covariance, settled, rounds, anchors, fixed)
+    good = np.full(len(folds), "converged")
+    return correction, _gather_ensemble(point, covariance, settled, rounds, good, anchors, fixed)
 
 
 def without_each_location(anchors: Anchors) -> Float[np.ndarray, "f k"]:
@@ -146,17 +147,19 @@ def _gather_ensemble(
     covariance_m2: Float[np.ndarray, "f k 3 3"],
     settled: Bool[np.ndarray, "f"],
     rounds: Int[np.ndarray, "f"],
+    words: Shaped[np.ndarray, "f"],
     anchors: Anchors,
     fixed: LeaveOneOut,
 ) -> EnsembleHeldOut:
-    """Each visit's row from the fold of its own location."""
+    """Each visit's row from the fold of its own location; `words` say how a fold that settled did."""
     fold, visit = anchors.location_index, np.arange(len(anchors))
     result = []
     for i in visit:
         if not fixed.determined[i]:
             result.append(fixed.refined.result[i])
         else:
-            result.append("converged" if settled[fold[i]] else f"not settled after {int(rounds[fold[i]])} rounds")
+            unsettled = f"not settled after {int(rounds[fold[i]])} rounds"
+            result.append(str(words[fold[i]]) if settled[fold[i]] else unsettled)
     good = np.asarray(settled)[fold] & fixed.determined
     point = np.where(good[:, None], np.asarray(point_m)[fold, visit], np.nan)
     covariance = np.where(good[:, None, None], np.asarray(covariance_m2)[fold, visit], np.nan)

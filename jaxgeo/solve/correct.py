@@ -47,7 +47,13 @@ class Settings:
     def fold_options(self, noise: OdometryNoise) -> FoldOptions:
         """The choices that compile: a noise term enters the graph where its prior is not zero."""
         bias = np.any(noise.sigma_bias_trans_m_per_m) or np.any(noise.sigma_bias_rot_rad_per_m)
-        terms = Terms(self.use_rotation, bool(noise.sigma_log_scale > 0), bool(bias), self.loss)
+        return self._options(Terms(self.use_rotation, bool(noise.sigma_log_scale > 0), bool(bias), self.loss))
+
+    def ensemble_options(self) -> FoldOptions:
+        """The same under a noise ensemble: its terms are in the ensemble, the graph only carries the log-scale."""
+        return self._options(Terms(self.use_rotation, log_scale=True, loss=self.loss))
+
+    def _options(self, terms: Terms) -> FoldOptions:
         return FoldOptions(self.coarse_scale, self.coarse_gravity, terms, self.max_steps)
 
 

@@ -8,6 +8,7 @@ from numpy.testing import assert_allclose
 from scipy.stats import norm
 from solve.revisited_session import KIND, MEDIANS, revisited_session
 
+from calibration.learn import LEARNING_ROUNDS
 from calibration.models import MODELS, FamilyPrior, family_prior
 from calibration.result import Calibration
 from calibration.summary import summarise
@@ -143,3 +144,12 @@ def test_a_model_that_was_not_found_spoils_nothing(prior, posterior):
     assert_allclose(found.theta_mean, expected.theta_mean, rtol=0, atol=1e-12)
     (x, _), (y, _) = ([s for s in each.sigmas if s.component in COMPONENTS[:2]] for each in (found, expected))
     assert_allclose(x.median, y.median, rtol=1e-9)
+
+
+def test_a_noise_that_was_held_is_said(prior, posterior):
+    learned = learned_of(prior, *posterior)
+    before = summarise(learned, prior, KIND, "both", ANCHORS).sentences
+    learned.fold.rounds = np.array(LEARNING_ROUNDS + 1)
+    said = summarise(learned, prior, KIND, "both", ANCHORS).sentences
+    assert said[1:] == before
+    assert said[0].startswith(f"Noise and trajectory did not settle together in {LEARNING_ROUNDS} rounds")

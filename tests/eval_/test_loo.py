@@ -203,6 +203,24 @@ def test_a_learned_fold_that_does_not_settle_gives_nothing_and_says_so(session, 
     assert found.refined.result[2].startswith("not settled after ")
 
 
+def test_a_fold_whose_noise_was_held_says_so(session, learned, monkeypatch):
+    trajectory, anchors = session
+    fixed, _ = learned
+
+    def one_held(*arguments):
+        calibration, correction, folds = calibrate_and_correct(*arguments)
+        rounds = np.asarray(folds.fold.rounds).copy()
+        rounds[1 + anchors.location_index[2]] = 14
+        return calibration, correction, eqx.tree_at(lambda f: f.fold.rounds, folds, rounds)
+
+    monkeypatch.setattr(eval.loo, "calibrate_and_correct", one_held)
+    _, _, found = learn_and_hold_out(trajectory, anchors, SETTINGS, LEARN, fixed)
+    here = anchors.location_index == anchors.location_index[2]
+    assert np.isfinite(found.point_m[here]).all()
+    assert {found.refined.result[i] for i in np.flatnonzero(here)} == {"converged, the noise held after 12 rounds"}
+    assert found.refined.result[int(np.flatnonzero(~here)[0])] == "converged"
+
+
 def test_a_fixed_noise_as_an_ensemble_of_one_gives_the_fixed_folds(session, learned):
     trajectory, anchors = session
     fixed, _ = learned
