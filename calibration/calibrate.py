@@ -53,6 +53,15 @@ def learn_options(settings: Settings, learn: LearnSettings) -> LearnOptions:
     return LearnOptions(settings.ensemble_options(), learn.observations)
 
 
+def calibrate(trajectory: Trajectory, anchors: Anchors, settings: Settings, learn: LearnSettings) -> Calibration:
+    """Learn the noise of one trajectory from all its anchors.
+
+    Raises:
+        ConvergenceError: learning and correcting did not settle.
+    """
+    return calibrate_and_correct(trajectory, anchors, settings, learn, np.zeros((0, len(anchors))))[0]
+
+
 def calibrate_and_correct(
     trajectory: Trajectory,
     anchors: Anchors,
