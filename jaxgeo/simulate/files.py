@@ -7,7 +7,9 @@ from jaxgeo.io.atomic import output_folder, write_lines
 from jaxgeo.io.sightings_csv import write_pose_sightings
 from jaxgeo.io.tum import write_tum
 from jaxgeo.io.yaml_text import dump_yaml
-from jaxgeo.simulate.session import ORDER, ORIGIN_ENH_M, VISIT_SIGMA_M, SimulatedSession
+from jaxgeo.simulate.layout import ORIGIN_ENH_M
+from jaxgeo.simulate.session import SimulatedSession
+from jaxgeo.simulate.truth_file import truth_json
 
 
 def write_session_files(session: SimulatedSession, folder: Path) -> Path:
@@ -18,8 +20,14 @@ def write_session_files(session: SimulatedSession, folder: Path) -> Path:
         for name, trajectory in session.trajectories.items():
             write_tum(temporary / f"{name}.tum", trajectory)
         write_tum(temporary / "truth.tum", session.truth)
+        (temporary / "truth.json").write_text(truth_json(session), encoding="utf-8")
         (temporary / "config.yaml").write_text(dump_yaml(_config(session)), encoding="utf-8")
     return folder / "config.yaml"
+
+
+def session_name(session: SimulatedSession) -> str:
+    """The name that the session's config gives it."""
+    return f"simulated_{session.layout.name.lower()}"
 
 
 def _write_survey(path: Path, survey: Survey) -> None:
@@ -30,14 +38,14 @@ def _write_survey(path: Path, survey: Survey) -> None:
 def _config(session: SimulatedSession) -> dict:
     """The whole session in a config; the truth is a reference only, nothing is estimated from it."""
     return {
-        "name": "simulated",
+        "name": session_name(session),
         "simulated": True,
         "seed": session.seed,
         "crs": session.survey.crs,
         "origin_enh_m": ORIGIN_ENH_M.tolist(),
         "survey": {"file": "survey.csv"},
         "sightings": {"kind": "poses", "file": "sightings.csv", "frame": "body"},
-        "visits": {"gap_s": 5.0, "order": list(ORDER)},
+        "visits": {"gap_s": 5.0, "order": list(session.order)},
         "trajectories": {
             name: {
                 "file": f"{name}.tum",
@@ -47,5 +55,5 @@ def _config(session: SimulatedSession) -> dict:
             }
             for name in session.trajectories
         },
-        "anchors": {"extra_sigma_m": VISIT_SIGMA_M},
+        "anchors": {"extra_sigma_m": session.visit_sigma_m},
     }

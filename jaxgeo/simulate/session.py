@@ -1,44 +1,33 @@
-"""A simulated session of the reference study's layout: one marker, six surveyed locations, seven visits.
+"""A simulated session at the reference study's site: one marker, six surveyed locations, seven visits.
 
-Locations, visiting order, sighting counts, repeatability and the length of the session are the study's (its first
-session); the walk, the drift and every error are drawn here. It shows that the software works, not how well real
-odometry can be corrected.
+The layout is the study's; the walk, the drift and every error are drawn here. It shows that the software works, not how
+well real odometry can be corrected.
 """
 
 import dataclasses
 
 import numpy as np
-from scipy.spatial.transform import RigidTransform, Rotation
+from scipy.spatial.transform import RigidTransform
 
 from jaxgeo.data import Sightings, Survey, Trajectory
-from jaxgeo.simulate.drift import Drift, chain, drifting_steps
-from jaxgeo.simulate.walk import Walk, walk_past
+from jaxgeo.errors import InputError
+from jaxgeo.graph.components import NoiseEnsemble
+from jaxgeo.simulate.course import course_of
+from jaxgeo.simulate.drift import Drift, drifting_poses
+from jaxgeo.simulate.faults import Faults, faulty_order, faulty_survey
+from jaxgeo.simulate.layout import CRS, LOCATIONS, ORDER, ORIGIN_ENH_M, SURVEYED_NEH_M, UAV, Layout
+from jaxgeo.simulate.sightings import sightings_of
+from jaxgeo.simulate.true_noise import true_noise
 
-CRS = "EPSG:2169"
-LOCATIONS: tuple[str, ...] = ("A", "B", "C", "D", "E", "F")
-SURVEYED_NEH_M = np.array(
-    [
-        [76839.129, 79345.498, 340.570],
-        [76829.898, 79357.502, 339.409],
-        [76821.262, 79363.262, 338.276],
-        [76789.028, 79320.063, 338.382],
-        [76804.525, 79309.431, 340.234],
-        [76815.709, 79296.809, 341.129],
-    ]
-)
-ORDER = ("A", "B", "C", "D", "E", "F", "A")
-COUNTS = (152, 289, 167, 209, 197, 185, 175)
-REPEATABILITY_M = (0.1471, 0.2254, 0.1094, 0.0603, 0.1821, 0.1443, 0.0794)
-ORIGIN_ENH_M = np.array([79300.0, 76800.0, 300.0])
+__all__ = ["LOCATIONS", "ORDER", "ORIGIN_ENH_M", "SURVEYED_NEH_M", "SimulatedSession", "simulate_session"]
 
-N_POSES = 1829
-DURATION_S = 320.0
-IMAGE_RATE_HZ = 10.0
 START_S = 1_700_000_000.0
 SURVEY_SIGMA_M = 0.01
-SIGHTING_SIGMA_ROT_RAD = 0.03
 # One constant error of the sightings of a visit, which their scatter does not show (calibration, pose bias).
 VISIT_SIGMA_M = 0.03
+
+# Streams of random numbers below the seed: the survey's, the sightings', and one a trajectory.
+SURVEY_STREAM, SIGHTING_STREAM, FIRST_ODOMETRY_STREAM = 0, 1, 2
 
 # Frame-to-model odometry that drifts one way, and a mapping run that drifts less; both metric.
 ICP_DRIFT = Drift(
@@ -63,114 +52,116 @@ class SimulatedSession:
 
     Attributes:
         seed: of all its random numbers.
-        survey: as surveyed, grid coordinates.
+        layout: what was visited, when and from where.
+        survey: as surveyed, grid coordinates, with the faults put into it.
         truth: poses `T_local_body`, local frame = grid (E, N, h) minus `ORIGIN_ENH_M`.
         trajectories: by name, each in a map frame of its own: the first pose.
         drift: what was wrong with each of them.
         sightings: in the body frame, ids unknown: one marker was moved.
+        order: the location of each visit as it is told; with faults not that of the layout.
         marker_enh_m: true marker position by location, local frame: the surveyed one plus its error.
+        faults: put into survey, order and stamps.
+        visit_sigma_m: of the constant error of a visit's sightings.
     """
 
     seed: int
+    layout: Layout
     survey: Survey
     truth: Trajectory
     trajectories: dict[str, Trajectory]
     drift: dict[str, Drift]
     sightings: Sightings
+    order: tuple[str, ...]
     marker_enh_m: dict[str, np.ndarray]
+    faults: Faults
+    visit_sigma_m: float
+
+    def true_noise(self, name: str) -> NoiseEnsemble:
+        """The noise that trajectory `name` was drawn from, per metre of its own length: `true_noise.true_noise`."""
+        return true_noise(self.trajectories[name], self.truth, self.drift[name])
 
 
 def simulate_session(
     seed: int = 0,
+    layout: Layout = UAV,
     *,
     drift: dict[str, Drift] | None = None,
+    faults: Faults | None = None,
     survey_sigma_m: float = SURVEY_SIGMA_M,
     visit_sigma_m: float = VISIT_SIGMA_M,
     sighting_noise: float = 1.0,
 ) -> SimulatedSession:
-    """Simulate the session; the same seed gives the same numbers, bit for bit.
+    """Simulate the session; the same arguments give the same numbers, bit for bit.
 
     Args:
         seed: every source of error draws from a stream of its own, so that changing one leaves the others alone.
-        drift: by trajectory name; default `icp` and `dense`.
+            Layouts under one seed have the survey's error in common: one site, surveyed once.
+        layout: `UAV`, `UGV`, or one's own.
+        drift: by trajectory name; default a mild `icp` and a milder `dense`; the study's sizes: `paper_drift`.
+        faults: put into the inputs; default none.
         survey_sigma_m: of the surveyed coordinates, each axis.
         visit_sigma_m: constant error of a visit's sightings, each axis.
-        sighting_noise: factor on the study's repeatability, and on the rotation noise.
+        sighting_noise: factor on the layout's repeatability, and on the rotation noise.
+
+    Raises:
+        InputError: a fault, a closure or a `draws_of` that names what the session does not have.
     """
     drift = {"icp": ICP_DRIFT, "dense": DENSE_DRIFT} if drift is None else drift
-    survey_random, sighting_random, *odometry_random = (
-        np.random.default_rng(child) for child in np.random.SeedSequence(seed).spawn(2 + len(drift))
-    )
-    surveyed_m = SURVEYED_NEH_M[:, [1, 0, 2]]
-    true_m = surveyed_m - ORIGIN_ENH_M + survey_sigma_m * survey_random.standard_normal((len(LOCATIONS), 3))
+    faults = Faults() if faults is None else faults
+    course = course_of(layout)
+    survey_random = np.random.default_rng(_stream(seed, 0, SURVEY_STREAM))
+    true_m = SURVEYED_NEH_M[:, [1, 0, 2]] - ORIGIN_ENH_M
+    true_m = true_m + survey_sigma_m * survey_random.standard_normal((len(LOCATIONS), 3))
     marker_enh_m: dict[str, np.ndarray] = dict(zip(LOCATIONS, true_m, strict=True))
-    visited_m = np.array([marker_enh_m[name] for name in ORDER])
-    walk = walk_past(visited_m, np.array(COUNTS) / IMAGE_RATE_HZ, DURATION_S)
-
-    stamp_s = np.linspace(0.0, DURATION_S, N_POSES)
-    pose = walk.pose(stamp_s)
-    trajectories = {
-        name: Trajectory(START_S + stamp_s, *chain(drifting_steps(pose, wrong, random)))
-        for (name, wrong), random in zip(drift.items(), odometry_random, strict=True)
-    }
+    sightings = sightings_of(
+        course.walk,
+        layout,
+        np.array([marker_enh_m[name] for name in layout.order]),
+        visit_sigma_m,
+        sighting_noise,
+        np.random.default_rng(_stream(seed, layout.stream, SIGHTING_STREAM)),
+    )
+    stream = {name: _stream(seed, layout.stream, FIRST_ODOMETRY_STREAM + i) for i, name in enumerate(drift)}
+    stamp_s = START_S + course.stamp_s
+    trajectories = {}
+    for name, wrong in drift.items():
+        source = wrong.draws_of or name
+        if source not in stream:
+            raise InputError(
+                f"drift of {name!r}: draws_of names {source!r}; the session has {', '.join(drift)}. Simulate it beside "
+                "that one, or leave draws_of empty."
+            )
+        trajectories[name] = _trajectory(stamp_s, drifting_poses(course, wrong, stream[source], stream[name]))
     return SimulatedSession(
         seed=seed,
-        survey=_survey(surveyed_m, survey_sigma_m),
-        truth=Trajectory(START_S + stamp_s, pose.translation, pose.rotation.as_quat(canonical=True, scalar_first=True)),
+        layout=layout,
+        survey=faulty_survey(_survey(survey_sigma_m), faults),
+        truth=_trajectory(stamp_s, course.pose),
         trajectories=trajectories,
         drift=drift,
-        sightings=_sightings(walk, visited_m, visit_sigma_m, sighting_noise, sighting_random),
+        sightings=dataclasses.replace(sightings, stamp_s=START_S + faults.time_offset_s + sightings.stamp_s),
+        order=faulty_order(layout, faults),
         marker_enh_m=marker_enh_m,
+        faults=faults,
+        visit_sigma_m=visit_sigma_m,
     )
 
 
-def _survey(surveyed_m: np.ndarray, sigma_m: float) -> Survey:
+def _stream(seed: int, layout: int, source: int) -> np.random.SeedSequence:
+    return np.random.SeedSequence([seed, layout], spawn_key=(source,))
+
+
+def _trajectory(stamp_s: np.ndarray, poses: RigidTransform) -> Trajectory:
+    return Trajectory(stamp_s, poses.translation, poses.rotation.as_quat(canonical=True, scalar_first=True))
+
+
+def _survey(sigma_m: float) -> Survey:
     unknown = np.full((len(LOCATIONS), 3), np.nan)
     return Survey(
         name=LOCATIONS,
-        enh_m=surveyed_m,
+        enh_m=SURVEYED_NEH_M[:, [1, 0, 2]],
         sigma_m=np.full((len(LOCATIONS), 3), sigma_m),
         quat_grid_marker_wxyz=np.full((len(LOCATIONS), 4), np.nan),
         sigma_rot_rad=unknown,
         crs=CRS,
-    )
-
-
-def _sightings(
-    walk: Walk, visited_m: np.ndarray, visit_sigma_m: float, noise: float, random: np.random.Generator
-) -> Sightings:
-    """Every visit's sightings at the image rate, with the study's scatter and one constant error a visit."""
-    stamps, positions, attitudes, sigmas = [], [], [], []
-    for visit, (count, scatter_m) in enumerate(zip(COUNTS, REPEATABILITY_M, strict=True)):
-        stamp_s = walk.arrive_s[visit] + (np.arange(count) + random.uniform(0.2, 0.8, count)) / IMAGE_RATE_HZ
-        body = walk.pose(stamp_s)
-        facing = np.arctan2(*(body.translation.mean(axis=0) - visited_m[visit])[[1, 0]])
-        # The marker's z axis points at whoever looks at it, its y axis up.
-        marker = RigidTransform.from_components(
-            visited_m[visit], Rotation.from_euler("ZY", [facing, np.pi / 2]) * Rotation.from_euler("z", np.pi / 2)
-        )
-        seen = body.inv() * marker
-        # Repeatability is the length of the error vector: three axes.
-        sigma_m = noise * scatter_m / np.sqrt(3)
-        constant_m = visit_sigma_m * random.standard_normal(3)
-        positions.append(seen.translation + constant_m + sigma_m * random.standard_normal((count, 3)))
-        turned = Rotation.from_rotvec(noise * SIGHTING_SIGMA_ROT_RAD * random.standard_normal((count, 3)))
-        attitudes.append((turned * seen.rotation).as_quat(canonical=True, scalar_first=True))
-        stamps.append(START_S + stamp_s)
-        sigmas.append(np.full(count, sigma_m))
-    n = sum(COUNTS)
-    covariance = np.zeros((n, 6, 6))
-    # Noise-free sightings still need a covariance that can be inverted.
-    sigma = np.maximum(np.concatenate(sigmas), 1e-4)
-    covariance[:, [0, 1, 2], [0, 1, 2]] = sigma[:, None] ** 2
-    covariance[:, [3, 4, 5], [3, 4, 5]] = max(noise * SIGHTING_SIGMA_ROT_RAD, 1e-4) ** 2
-    return Sightings(
-        stamp_s=np.concatenate(stamps),
-        marker=np.full(n, ""),
-        t_body_marker_m=np.concatenate(positions),
-        quat_body_marker_wxyz=np.concatenate(attitudes),
-        covariance=covariance,
-        ambiguous=np.zeros(n, dtype=bool),
-        reprojection_px=np.full(n, np.nan),
-        source=np.array([f"simulated:{row + 1}" for row in range(n)]),
     )

@@ -8,11 +8,10 @@ from scipy.interpolate import CubicSpline, PchipInterpolator
 from scipy.ndimage import gaussian_filter1d
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from jaxgeo.simulate.layout import Layout
+
 # The path is shaped on this raster and read between its points by cubic splines.
 RASTER_S = 0.05
-STANDOFF_M = 3.0
-RIG_HEIGHT_M = 1.4
-DETOUR_SHARE = 0.12
 SMOOTHING_S = 1.5
 FACING_S = 2.5 * SMOOTHING_S
 # A hand-held rig tilts a little with every pace.
@@ -46,21 +45,20 @@ class Walk:
         return RigidTransform.from_components(self.position_m(stamp_s), attitude)
 
 
-def walk_past(
-    marker_m: Float[np.ndarray, "k 3"], stay_s: Float[np.ndarray, "k"], duration_s: float, speed_m_s: float = 1.0
-) -> Walk:
-    """A smooth walk past the markers, in the order given, by curved ways of about `speed_m_s`.
+def walk_past(marker_m: Float[np.ndarray, "k 3"], layout: Layout) -> Walk:
+    """A smooth walk past the markers, in the order given, by curved ways.
+
+    The time that the stays leave is shared among the ways, the run-in and the run-out by their lengths: one speed.
 
     Args:
         marker_m: the markers in the order visited, local E, N, h.
-        stay_s: how long the rig stands before each.
-        duration_s: of the whole; what the stays and the ways leave is spent on the ways, which slow down or speed up.
-        speed_m_s: on the ways; only sets how the time is shared among them and the run-in and run-out.
+        layout: how long the rig stands before each, how far off, how high, and how far its ways bend aside.
     """
+    stay_s, duration_s = np.array(layout.counts) / layout.image_rate_hz, layout.duration_s
     centre = marker_m.mean(axis=0)
     inward = (centre - marker_m) * [1.0, 1.0, 0.0]
-    stand_m = marker_m + STANDOFF_M * inward / np.linalg.norm(inward, axis=1, keepdims=True)
-    stand_m[:, 2] = marker_m[:, 2] + RIG_HEIGHT_M
+    stand_m = marker_m + layout.standoff_m * inward / np.linalg.norm(inward, axis=1, keepdims=True)
+    stand_m[:, 2] = marker_m[:, 2] + layout.rig_height_m
     chord = np.diff(stand_m, axis=0)
     chord_m = np.linalg.norm(chord, axis=1)
     # Way points to the left and right of each chord, in turn: the walk explores, it does not measure lines.
@@ -68,7 +66,6 @@ def walk_past(
     start_m, end_m = stand_m[0] + [2.0, -2.0, 0.0], stand_m[-1] + [-2.0, 2.0, 0.0]
 
     way_s = np.concatenate([[np.linalg.norm(start_m - stand_m[0])], chord_m, [np.linalg.norm(end_m - stand_m[-1])]])
-    way_s = way_s / speed_m_s
     way_s *= (duration_s - stay_s.sum()) / way_s.sum()
     arrive_s = np.cumsum(way_s[:-1]) + np.concatenate([[0.0], np.cumsum(stay_s[:-1])])
     leave_s = arrive_s + stay_s
@@ -78,7 +75,7 @@ def walk_past(
         knots += [(arrive_s[i], place), (leave_s[i], place + SHIFT_M)]
         if i < len(chord):
             for share, shape in ((0.33, 1.0), (0.67, -0.6)):
-                offset = np.append(DETOUR_SHARE * shape * side[i], 0.0)
+                offset = np.append(layout.detour_share * shape * side[i], 0.0)
                 knots.append((leave_s[i] + share * way_s[i + 1], place + share * chord[i] + offset))
     knots.append((duration_s, end_m))
     return _smooth_walk(knots, marker_m, duration_s, arrive_s, leave_s)
