@@ -1,26 +1,15 @@
 """Wall-clock times, warm and interleaved."""
 
-import time
 from collections.abc import Callable
 from typing import Any
 
-import jax
 import numpy as np
 
+from eval.cost import once_s, times_s
 
-def once_s(function: Callable[[], Any]) -> float:
-    """Seconds of one call, its arrays ready."""
-    start = time.perf_counter()
-    jax.block_until_ready(function())
-    return time.perf_counter() - start
+__all__ = ["medians_s", "once_s"]
 
 
 def medians_s(repetitions: int, *functions: Callable[[], Any]) -> tuple[float, ...]:
-    """Median seconds of each function: one call each to warm up, then all in turn, again and again.
-
-    On a shared machine both sides then see the same neighbours.
-    """
-    for function in functions:
-        once_s(function)
-    times = np.array([[once_s(function) for function in functions] for _ in range(repetitions)])
-    return tuple(float(t) for t in np.median(times, axis=0))
+    """Median seconds of each function."""
+    return tuple(float(t) for t in np.median(times_s(repetitions, *functions), axis=0))

@@ -15,6 +15,7 @@ from jaxgeo.export.result import ReferenceError
 from jaxgeo.geometry import bucket_size, pad_rows, poses_at, sim3_apply_trajectory, umeyama
 
 Align = Literal["none", "se3", "sim3"]
+Pairs = Literal["all", "consecutive"]
 _WITHIN = 0.1  # of the distance: how far a pair's path may differ from it
 
 
@@ -87,10 +88,14 @@ def relative_errors(
     t_body_reference_m: Sequence[float] = (0.0, 0.0, 0.0),
     rotvec_body_reference_rad: Sequence[float] = (0.0, 0.0, 0.0),
     max_gap_s: float = 1.0,
+    pairs: Pairs = "all",
 ) -> tuple[RelativeError, ...]:
-    """Drift over each distance: error of the motion between all pairs that far apart along the reference; no alignment.
+    """Drift over each distance: error of the motion between pairs that far apart along the reference; no alignment.
 
     Args:
+        pairs: `all`: every pose with the one nearest to the distance, within a tenth of it; they overlap.
+            `consecutive`: from the first pose to the first at least that far on, from there to the next, ...; over
+            distance 0 all successive poses.
         t_body_reference_m, rotvec_body_reference_rad: pose of the reference's body in the estimate's body frame.
 
     Raises:
@@ -100,7 +105,7 @@ def relative_errors(
     carried = _carry(kept, t_body_reference_m, rotvec_body_reference_rad)
     steps_m = np.linalg.norm(np.diff(matched.position_m, axis=0), axis=1)
     path_m = np.concatenate([[0.0], np.cumsum(steps_m)])
-    return tuple(_over_distance(carried, matched, path_m, distance) for distance in distances_m)
+    return tuple(_over_distance(carried, matched, path_m, distance, pairs) for distance in distances_m)
 
 
 def _match(estimate: Trajectory, reference: Trajectory, max_gap_s: float) -> tuple[Trajectory, Trajectory]:
@@ -139,9 +144,9 @@ def _aligned(trajectory: Trajectory, reference: Trajectory, scale: bool) -> Traj
 
 
 def _over_distance(
-    estimate: Trajectory, reference: Trajectory, path_m: Float[np.ndarray, "n"], distance_m: float
+    estimate: Trajectory, reference: Trajectory, path_m: Float[np.ndarray, "n"], distance_m: float, pairs: Pairs
 ) -> RelativeError:
-    first, second = _pairs(path_m, distance_m)
+    first, second = (_all_pairs if pairs == "all" else _consecutive_pairs)(path_m, distance_m)
     if first.size == 0:
         return RelativeError(distance_m, 0, float("nan"), float("nan"))
     moved_m, turned = _motion(estimate, first, second)
@@ -168,7 +173,7 @@ def _rotation(quat_wxyz: Float[np.ndarray, "n 4"]) -> Rotation:
     return Rotation.from_quat(quat_wxyz, scalar_first=True)
 
 
-def _pairs(path_m: Float[np.ndarray, "n"], distance_m: float) -> tuple[Int[np.ndarray, "p"], Int[np.ndarray, "p"]]:
+def _all_pairs(path_m: Float[np.ndarray, "n"], distance_m: float) -> tuple[Int[np.ndarray, "p"], Int[np.ndarray, "p"]]:
     """For every pose the later one whose path is nearest to `distance_m`, where one is within a tenth of it."""
     first = np.arange(len(path_m))
     goal_m = path_m + distance_m
@@ -177,3 +182,15 @@ def _pairs(path_m: Float[np.ndarray, "n"], distance_m: float) -> tuple[Int[np.nd
     second = np.where(nearer_below, above - 1, above)
     good = (second > first) & (np.abs(path_m[second] - goal_m) <= _WITHIN * distance_m)
     return first[good], second[good]
+
+
+def _consecutive_pairs(
+    path_m: Float[np.ndarray, "n"], distance_m: float
+) -> tuple[Int[np.ndarray, "p"], Int[np.ndarray, "p"]]:
+    """From the first pose on, the next whose path is at least `distance_m` longer; they share ends and no motion."""
+    at = [0]
+    while True:
+        following = max(int(np.searchsorted(path_m, path_m[at[-1]] + distance_m)), at[-1] + 1)
+        if following >= len(path_m):
+            return np.array(at[:-1], dtype=int), np.array(at[1:], dtype=int)
+        at.append(following)
