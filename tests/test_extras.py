@@ -16,6 +16,7 @@ EXTRAS = [
     "small_gicp",
     "rosbags",
     "rerun",
+    "rasterio",
     "gtsam",
     "evo",
 ]

@@ -34,6 +34,7 @@ ADAPTERS: dict[str, set[str]] = {
     "small_gicp": set(),
     "rosbags": set(),
     "rerun": set(),
+    "rasterio": {"jaxgeo/io/orthophoto.py"},
 }
 ORACLES = {"evo", "gtsam"}
 

@@ -116,9 +116,23 @@ class Solver(Section):
 
 
 class Evaluate(Section):
-    """`leave_one_out`: hold every location out in turn."""
+    """What is held out.
+
+    Attributes:
+        leave_one_out: hold every location out in turn.
+        subsets: `jaxgeo evaluate` also tries fewer anchors: at most so many choices of each number; 0: none.
+        cost: `jaxgeo evaluate` also measures what the computing costs.
+    """
 
     leave_one_out: bool = True
+    subsets: Annotated[int, Field(ge=0, le=10_000)] = 40
+    cost: bool = True
+
+
+class Report(Section):
+    """`interactive`: figures that answer the pointer; they add 5 MB of JavaScript to report.html, none fetched."""
+
+    interactive: bool = True
 
 
 class SessionConfig(Section):
@@ -128,6 +142,7 @@ class SessionConfig(Section):
         crs: of the survey.
         simulated: every output is labelled simulated.
         origin_enh_m: E, N, h subtracted before anything is estimated; None: the survey's median, rounded to 100 m.
+        basemap: an orthophoto (GeoTIFF) of the site, drawn under the maps.
     """
 
     name: FileName = Field(description="the session's name, used in file names")
@@ -152,6 +167,16 @@ class SessionConfig(Section):
     anchors: AnchorOptions = AnchorOptions()
     solver: Solver = Solver()
     evaluate: Evaluate = Evaluate()
+    report: Report = Report()
+    basemap: InputFile | None = None
+
+    @model_validator(mode="after")
+    def _check_basemap(self):
+        if self.basemap is not None and self.crs == "local":
+            raise ValueError(
+                "basemap: crs is local, a site frame without a place on a map: give the EPSG code, or remove 'basemap'"
+            )
+        return self
 
     @model_validator(mode="after")
     def _check_rig(self):

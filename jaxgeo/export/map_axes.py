@@ -22,13 +22,18 @@ def map_limits(xy: Float[np.ndarray, "n 2"]) -> tuple[np.ndarray, np.ndarray]:
     return low - margin, high + margin
 
 
-def map_figure(low: np.ndarray, high: np.ndarray, panels: int, origin_enh_m: np.ndarray) -> tuple[Figure, list[Axes]]:
-    """A figure with panels side by side, all with these limits; its height follows the shape of the site."""
+def map_figure(
+    low: np.ndarray, high: np.ndarray, panels: int, origin_enh_m: np.ndarray, more_bottom_in: float = 0.0
+) -> tuple[Figure, list[Axes]]:
+    """A figure with panels side by side, all with these limits; its height follows the shape of the site.
+
+    `more_bottom_in`: room below for a legend of more than two lines.
+    """
     m = MARGIN_IN
     width_in = WIDTH_IN / panels - m["left"] - m["right"]
     span = high - low
     height_in = float(np.clip(width_in * span[1] / span[0], *HEIGHT_LIMITS_IN))
-    bottom_in = BOTTOM_IN[panels]
+    bottom_in = BOTTOM_IN[panels] + more_bottom_in
     total_in = height_in + bottom_in + m["top"]
     low, high = fill_shape(low, high, width_in / height_in)
     figure = Figure(figsize=(WIDTH_IN, total_in))

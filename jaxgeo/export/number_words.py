@@ -54,6 +54,14 @@ def decimal(value: float, digits: int) -> str:
     return text.replace("-", "−")
 
 
+def grouped(value: float, digits: int) -> str:
+    """As `decimal`, with thin spaces between thousands: for grid coordinates."""
+    if not math.isfinite(value):
+        return MISSING
+    text = f"{value:,.{digits}f}".replace(",", THIN)
+    return text.replace("-", "−")
+
+
 def percent(share: float) -> str:
     return MISSING if not math.isfinite(share) else f"{100.0 * share:.0f}{THIN}%"
 

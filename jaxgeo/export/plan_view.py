@@ -64,11 +64,7 @@ def draw_uncertainty(axes: Axes, trajectory: TrajectoryResult, map_size_m: float
     rows = evenly_spaced_rows(trajectory.corrected.position_m, PATH_ELLIPSES)
     path_covariance = trajectory.covariance[rows][:, :2, :2]
     held_out = trajectory.held_out.get(final_stage(trajectory))
-    sizes = [ellipse_shape(path_covariance)[0] / 2.0]
-    if held_out:
-        usable = held_out.covariance_m2[np.isfinite(held_out.covariance_m2).all(axis=(1, 2))]
-        sizes += [ellipse_shape(usable[:, :2, :2])[0] / 2.0, np.linalg.norm(held_out.error_enh_m[:, :2], axis=1)]
-    factor = magnification(np.concatenate(sizes), map_size_m, usual=0.05, most=0.13)
+    factor = plan_factor(trajectory, map_size_m)
     centre = trajectory.corrected.position_m[rows, :2]
     draw_ellipses(
         axes,
@@ -90,6 +86,17 @@ def draw_uncertainty(axes: Axes, trajectory: TrajectoryResult, map_size_m: float
         axes.plot([], [], color=COLOUR["error"], label="95 % ellipse, anchor held out", **ring_key)
         axes.plot([], [], color=COLOUR["error"], linewidth=1.6, label="error, anchor held out")
     return factor
+
+
+def plan_factor(trajectory: TrajectoryResult, map_size_m: float) -> int:
+    """A round factor by which ellipses and held-out errors can be seen, and do not fill the map."""
+    rows = evenly_spaced_rows(trajectory.corrected.position_m, PATH_ELLIPSES)
+    sizes = [ellipse_shape(trajectory.covariance[rows][:, :2, :2])[0] / 2.0]
+    held_out = trajectory.held_out.get(final_stage(trajectory))
+    if held_out:
+        usable = held_out.covariance_m2[np.isfinite(held_out.covariance_m2).all(axis=(1, 2))]
+        sizes += [ellipse_shape(usable[:, :2, :2])[0] / 2.0, np.linalg.norm(held_out.error_enh_m[:, :2], axis=1)]
+    return magnification(np.concatenate(sizes), map_size_m, usual=0.05, most=0.13)
 
 
 def draw_errors(

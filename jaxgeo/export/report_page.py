@@ -1,6 +1,7 @@
 """The pieces of an HTML page that needs no network: escaped text, tables, figures as data URIs, one style sheet."""
 
 import base64
+import hashlib
 import html
 from collections.abc import Iterable, Sequence
 
@@ -17,6 +18,13 @@ h3 { font-size: 1.05rem; margin: 1.6rem 0 .3rem; } p { max-width: 90ch; margin: 
 .good { border-color: #009e73; } .caution { border-color: #e69f00; }
 .bad { border-color: #b00020; background: #fdf1f2; }
 .warnings { border: 1px solid #e69f00; background: #fff8e8; padding: .5rem .9rem; } .warnings ul { margin: .2rem 0; }
+.small { border-left: 6px solid #e69f00; background: #fff8e8; padding: .5rem .9rem; margin: .8rem 0; }
+.small p { margin: .2rem 0; }
+.either .interactive { display: none; } .either.drawn .interactive { display: block; }
+.either.drawn .static { display: none; }
+.tools { font-size: .88rem; margin: .3rem 0; } .tools input { vertical-align: middle; width: 11rem; max-width: 40vw; }
+.tools button { font: inherit; padding: .1rem .7rem; border: 1px solid #888; border-radius: 4px; background: #fff; }
+.tools button[aria-pressed="true"] { background: #0072b2; border-color: #0072b2; color: #fff; }
 .scroll { overflow-x: auto; } table { border-collapse: collapse; margin: .5rem 0 .9rem; font-size: .84rem; }
 caption { text-align: left; white-space: nowrap; color: #444; padding-bottom: .3rem; }
 th, td { padding: .18rem .45rem; border-bottom: 1px solid #ddd; white-space: nowrap; }
@@ -30,7 +38,9 @@ figcaption { color: #444; font-size: .9rem; max-width: 110ch; }
 pre { background: #f5f7f9; padding: .7rem; overflow-x: auto; font-size: .8rem; } dt { font-weight: 600; }
 dd { margin: 0 0 .4rem 1.2rem; max-width: 78ch; }
 @media print { body { max-width: none; padding: 0; font-size: 10pt; } figure, .verdict { break-inside: avoid; }
-  table { font-size: 7pt; } h2 { break-after: avoid; } details:not([open]) { display: none; } }
+  table { font-size: 7pt; } h2 { break-after: avoid; } details:not([open]) { display: none; }
+  .either.drawn .interactive { display: none; } .either.drawn .static { display: block; } }
+@media (max-width: 600px) { body { padding: .6rem .6rem 3rem; } caption { white-space: normal; } }
 """
 
 
@@ -39,9 +49,16 @@ def escape(text: object) -> str:
     return html.escape(str(text), quote=True)
 
 
-def page(title: str, body: Iterable[str]) -> str:
-    """The whole document. The policy in its head forbids a browser to fetch anything."""
+def page(title: str, body: Iterable[str], scripts: Sequence[str] = ()) -> str:
+    """The whole document. The policy in its head forbids a browser to fetch anything.
+
+    `scripts`: JavaScript that is run once the body is there. The policy names them by their hash, so that nothing
+    else in the page, a user's text least of all, can run.
+    """
+    run = " ".join(f"'sha256-{base64.b64encode(hashlib.sha256(s.encode()).digest()).decode()}'" for s in scripts)
     policy = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
+    if scripts:
+        policy = f"default-src 'none'; img-src data: blob:; style-src 'unsafe-inline'; script-src {run}"
     return "\n".join(
         [
             '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">',
@@ -49,6 +66,7 @@ def page(title: str, body: Iterable[str]) -> str:
             '<meta name="viewport" content="width=device-width, initial-scale=1">',
             f"<title>{escape(title)}</title>\n<style>{STYLE}</style>\n</head>\n<body>",
             *body,
+            *(f"<script>{script}</script>" for script in scripts),
             "</body>\n</html>\n",
         ]
     )

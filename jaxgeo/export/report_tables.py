@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 
 from jaxgeo.export.held_out_stats import STAGES, HeldOutStats, final_stage, revisit_gap_m, stats_by_stage
-from jaxgeo.export.metrics import pooled_repeatability_m
 from jaxgeo.export.number_words import MISSING, LengthColumn, decimal, length_words, number_text, percent
 from jaxgeo.export.report_page import table
 from jaxgeo.export.result import SessionResult, TrajectoryResult
@@ -53,46 +52,6 @@ def comparison_table(result: SessionResult) -> str:
 
 def worst_gap(gaps_m: list[float]) -> str:
     return length_words(float(np.max(gaps_m))) if gaps_m else MISSING
-
-
-def residual_table(trajectory: TrajectoryResult) -> str:
-    """Every visit: residuals per axis with all anchors in, and its held-out error beside what was predicted for it."""
-    anchors, stage = trajectory.anchors, final_stage(trajectory)
-    held_out, stats = trajectory.held_out.get(stage), stats_by_stage(trajectory).get(stage)
-    nothing = np.full((len(anchors), 3), np.nan)
-    error = held_out.error_enh_m if held_out else nothing
-    sigma = np.sqrt(np.diagonal(held_out.covariance_m2, axis1=1, axis2=2)) if held_out else nothing
-    nees = stats.nees if stats else nothing[:, 0]
-    parts = [with_norm(x) for x in (trajectory.residual_coarse_m, trajectory.residual_refined_m, error)]
-    value = np.hstack([*parts, sigma])
-    show = LengthColumn(value)
-    spread = LengthColumn(anchors.repeatability_m)
-    rows = [
-        [
-            anchors.label[j],
-            f"{anchors.count[j]}",
-            spread(anchors.repeatability_m[j]),
-            *map(show, value[j]),
-            decimal(nees[j], 1),
-        ]
-        for j in range(len(anchors))
-    ]
-    pooled = pooled_repeatability_m(anchors.repeatability_m, anchors.count)
-    footer = ["RMS", "", spread(pooled), *map(show, column_rms(value)), ""]
-    columns = ["Visit", "n", f"spread {spread.unit}", *("E", "N", "h", "3-D") * 3, "E", "N", "h", "NEES"]
-    groups = [
-        ("Sightings", 3),
-        ("One-time similarity", 4),
-        ("Corrected, all anchors in", 4),
-        ("Corrected, held out", 4),
-    ]
-    return table(
-        f"Predicted minus surveyed marker position in {show.unit}, along easting, northing, height and in space",
-        columns,
-        rows,
-        groups=[*groups, ("1 sigma predicted", 3), ("", 1)],
-        footer=[footer],
-    )
 
 
 def leave_one_out_table(trajectory: TrajectoryResult) -> str:
@@ -179,16 +138,3 @@ def flat_pairs(value: Any, path: str = "") -> Iterator[tuple[str, str]]:
 
 def inside(share: float, n: int) -> str:
     return f"{round(share * n)} of {n} ({percent(share)})"
-
-
-def with_norm(error_m: np.ndarray) -> np.ndarray:
-    """(k, 4): the axes and the length."""
-    return np.column_stack([error_m, np.linalg.norm(error_m, axis=1)])
-
-
-def column_rms(value: np.ndarray) -> np.ndarray:
-    """RMS of every column over its finite values."""
-    known = np.isfinite(value)
-    count = known.sum(axis=0)
-    square = np.where(known, value, 0.0) ** 2
-    return np.sqrt(np.divide(square.sum(axis=0), count, out=np.full(value.shape[1], np.nan), where=count > 0))

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 
-from jaxgeo.export.held_out_stats import MIN_CHECK_POINTS, HeldOutStats, final_stage, revisit_gap_m, stats_by_stage
+from jaxgeo.export.held_out_stats import HeldOutStats, final_stage, revisit_gap_m, stats_by_stage
 from jaxgeo.export.number_words import length_words
 from jaxgeo.export.result import TrajectoryResult
 
@@ -27,7 +27,7 @@ def verdict(trajectory: TrajectoryResult) -> Verdict:
         return Verdict("bad", (sentence, *revisit_sentences(trajectory)))
     level, sentences = gain(stats, stage)
     sentences += learned_or_fixed(stats)
-    for judge in (consistency, failures, few_points):
+    for judge in (consistency, failures):
         worse, more = judge(stats[stage])
         level = worst(level, worse)
         sentences += more
@@ -107,16 +107,6 @@ def failures(stats: HeldOutStats) -> tuple[str, tuple[str, ...]]:
     return "caution", (
         f"{stats.n_failed} of {len(stats.norm_m)} held-out visits have no result (see the result codes); the means "
         "leave them out and may be too good.",
-    )
-
-
-def few_points(stats: HeldOutStats) -> tuple[str, tuple[str, ...]]:
-    """The small-number caveat."""
-    if stats.n_locations >= MIN_CHECK_POINTS:
-        return "good", ()
-    return "good", (
-        f"{stats.n_locations} check points are too few to state an accuracy ({MIN_CHECK_POINTS} are asked for by the "
-        "ASPRS standard of 2023): take the figures as an indication for this session only.",
     )
 
 

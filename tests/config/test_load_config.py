@@ -104,6 +104,12 @@ def test_one_number_stands_for_all_markers_and_all_axes(base_path):
     assert config.survey.sigma_m == (2.0, 2.0, 2.0)
 
 
+def test_an_orthophoto_is_found_beside_the_config_and_needs_a_place_on_a_map(base_path):
+    assert load_config(base_path).basemap is None
+    assert load_config(base_path, ["basemap=site.tif"]).basemap == base_path.parent / "site.tif"
+    assert "basemap: crs is local, a site frame" in refusal(base_path, "basemap=site.tif", "crs=local")
+
+
 def test_whole_numbers_are_names_where_names_are_meant(base_path):
     names = ["survey.points={1: {N: 1, E: 2, h: 3}, 02: {N: 1, E: 2, h: 3}}", "visits.order=[1, 02, 1]"]
     assert load_config(base_path, names).visits.order == ["1", "02", "1"]

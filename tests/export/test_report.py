@@ -2,6 +2,8 @@
 
 import base64
 import dataclasses
+import hashlib
+import json
 import re
 import xml.etree.ElementTree as ET
 from html.parser import HTMLParser
@@ -10,10 +12,12 @@ import numpy as np
 import pytest
 from export.synthetic_result import local_session, luref_session
 
+from jaxgeo.export.interactive import interactive_scripts
 from jaxgeo.export.number_words import LengthColumn, decimal, duration_words, length_words
 from jaxgeo.export.report import report_html
 from jaxgeo.export.result import HeldOut
 from jaxgeo.export.verdict import verdict
+from jaxgeo.export.what_was_done import what_was_done
 
 WICKED = '<script>alert("1")</script> & $\\frac{ $'
 VOID = {"meta", "img", "br"}
@@ -34,13 +38,15 @@ class Outline(HTMLParser):
 
     def __init__(self, page: str):
         super().__init__()
-        self.open, self.tags, self.attributes, self.words = [], [], [], []
+        self.open, self.tags, self.attributes, self.words, self.scripts = [], [], [], [], []
         self.feed(page)
         self.close()
 
     def handle_starttag(self, tag, attrs):
         self.tags.append(tag)
         self.attributes += attrs
+        if tag == "script":
+            self.scripts.append((dict(attrs), []))
         if tag not in VOID:
             self.open.append(tag)
 
@@ -48,7 +54,19 @@ class Outline(HTMLParser):
         assert self.open.pop() == tag
 
     def handle_data(self, data):
-        self.words.append(data)
+        inside_script = self.open and self.open[-1] == "script"
+        (self.scripts[-1][1] if inside_script else self.words).append(data)
+
+    @property
+    def run(self) -> list[str]:
+        """Scripts that a browser would run."""
+        return ["".join(text) for attributes, text in self.scripts if not attributes]
+
+    @property
+    def figures(self) -> list[dict]:
+        """Interactive figures, as the page's code reads them."""
+        kind = {"type": "application/json"}
+        return [json.loads("".join(text)) for attributes, text in self.scripts if attributes == kind]
 
     @property
     def text(self) -> str:
@@ -66,13 +84,40 @@ def replaced(old, **changes):
 def test_page_is_well_formed_and_fetches_nothing(page):
     outline = Outline(page)
     assert outline.open == []
-    assert not {"script", "link", "iframe", "object", "base"} & set(outline.tags)
+    assert not {"link", "iframe", "object", "base"} & set(outline.tags)
     for name, value in outline.attributes:
+        assert not name.startswith("on")
         if name in ("src", "href", "srcset", "action", "data"):
             assert value.startswith("data:")
-    assert "@import" not in page
-    assert "url(" not in page
-    assert "default-src 'none'" in page
+    written = page.split("<script>")[0]
+    assert "@import" not in written
+    assert "url(" not in written
+
+
+def test_only_the_pages_own_scripts_may_run(page):
+    outline = Outline(page)
+    assert outline.run == list(interactive_scripts())
+    assert len(outline.scripts) == 2 + len(outline.figures) == 2 + 4
+    hashes = [base64.b64encode(hashlib.sha256(s.encode()).digest()).decode() for s in outline.run]
+    (policy,) = re.findall(r'Content-Security-Policy" content="([^"]*)"', page)
+    parts = dict(part.strip().split(" ", 1) for part in policy.split(";"))
+    assert parts["default-src"] == "'none'"
+    assert parts["script-src"].split() == [f"'sha256-{h}'" for h in hashes]
+    assert "connect-src" not in parts
+
+
+def test_light_page_has_no_script(session, page):
+    light = report_html(replaced(session, config={"report": {"interactive": False}}))
+    outline = Outline(light)
+    assert outline.scripts == []
+    assert "script-src" not in light
+    assert figures(light) == figures(page)
+    assert len(light) < 0.25 * len(page)
+
+
+def test_extra_sections_stand_before_the_glossary(session):
+    text = Outline(report_html(session, ["<h2>More of it</h2>"])).text
+    assert text.index("Trajectory dense") < text.index("More of it") < text.index("Words used")
 
 
 def test_figures_are_whole_svgs_without_links(page):
@@ -94,7 +139,8 @@ def test_user_text_is_escaped(session):
     icp = replaced(icp, held_out={k: replaced(v, result=(WICKED,) * 7) for k, v in icp.held_out.items()})
     wicked = replaced(session, name=WICKED, trajectories={WICKED: icp}, config={"name": WICKED}, run={WICKED: WICKED})
     outline = Outline(report_html(wicked))
-    assert "script" not in outline.tags
+    assert outline.run == list(interactive_scripts())
+    assert len(outline.figures) == 2
     assert outline.open == []
     assert outline.text.count(re.sub(r"\s+", " ", WICKED)) >= 12
     assert all("<script" not in svg for svg in figures(report_html(wicked)))
@@ -118,10 +164,34 @@ def test_figures_of_the_tables(session, page):
     assert "2 sightings lay outside the trajectory's time & were left out" in text
 
 
-def test_few_check_points_are_no_accuracy(page):
+def test_few_check_points_are_no_accuracy_and_that_is_said_once(session, page, monkeypatch):
     text = Outline(page).text
-    assert "too few to state an accuracy" in text
-    assert "not to be called an accuracy" in text
+    assert text.count("too few to state an accuracy") == 1
+    assert "5 check points are too few" in text  # of dense: one fold failed
+    assert "uncertain by about 19 percentage points" in text
+    monkeypatch.setattr("jaxgeo.export.small_numbers.MIN_CHECK_POINTS", 5)
+    assert "too few to state" not in Outline(report_html(session)).text
+
+
+def test_anchors_stand_in_grid_coordinates_beside_their_errors(session, page):
+    icp = session.trajectories["icp"]
+    text = Outline(page).text
+    learned = icp.held_out["learned"]
+    for j, label in enumerate(icp.anchors.label):
+        surveyed = session.frame.to_grid(icp.anchors.surveyed_enh_m[j])
+        predicted = surveyed + learned.error_enh_m[j]
+        spread = f"{100 * icp.anchors.repeatability_m[j]:.1f}"
+        row = " ".join(f"{x:,.3f}".replace(",", " ") for x in surveyed)
+        assert f"{label} {icp.anchors.count[j]} {spread} {row}" in text
+        size = np.linalg.norm(learned.error_enh_m[j])
+        sigma = np.sqrt(np.diag(learned.covariance_m2[j]))
+        ratio = learned.error_enh_m[j] / sigma
+        row = [f"{x:,.3f}".replace(",", " ") for x in predicted] + [
+            f"{100 * x:.1f}" for x in (*learned.error_enh_m[j], size, *sigma)
+        ]
+        row += [f"{x:.1f}" for x in ratio]
+        row = [x.lstrip("-") if x.strip("-0.") == "" else x.replace("-", "−") for x in row]
+        assert f"{label} {' '.join(row)}" in text
 
 
 def held_out(errors, sigma):
@@ -210,6 +280,25 @@ def revisit_words(session, revisit):
     icp = replaced(session.trajectories["icp"], revisit=revisit)
     text = Outline(report_html(replaced(session, trajectories={"icp": icp}))).text
     return verdict(icp).sentences[-1], text
+
+
+def test_what_was_done_says_where_and_with_which_noise(session):
+    icp, dense = session.trajectories.values()
+    learned = what_was_done(session, icp)
+    assert "in EPSG:2169 (LUREF / Luxembourg TM), with 7 visits to 6 surveyed locations" in learned
+    assert (
+        "learned from this session; the most probable of 2 models: random drift and one wrong scale (73\u202f%)"
+        in learned
+    )
+    assert "random position drift 20.0\u202fcm after 100 m" in learned  # 0.02 m / sqrt(m), over 100 m
+    assert "wrong scale of the path 0.40\u202f% all along" in learned
+    assert "body x" not in learned
+    values = {"sigma_trans_m_per_sqrt_m": [0.02, 0.03, 0.02], "sigma_rot_rad_per_sqrt_m": 0.001, "sigma_log_scale": 0.0}
+    fixed = what_was_done(session, replaced(dense, noise={"fixed": values}))
+    assert "fixed beforehand; one sigma: random position drift 30.0\u202fcm after 100 m, random direction" in fixed
+    assert "scale" not in fixed.split("fixed beforehand")[1]
+    stored = what_was_done(session, replaced(dense, noise={"fixed": {"session": "spring", "trajectory": "icp"}}))
+    assert "taken from session spring, trajectory icp." in stored
 
 
 def test_revisits_are_judged_by_the_fold_that_held_the_location_out(session):
