@@ -45,16 +45,17 @@ from jaxgeo.solve.ensemble_correct import EnsembleCorrection
 _VERSIONS = ("jax", "jaxlib", "optimistix", "lineax", "equinox", "numpy", "scipy", "opencv-python-headless", "pyproj")
 
 
-def run_session(config: SessionConfig, progress: Progress) -> SessionResult:
-    """Run one session.
+def run_session(config: SessionConfig, progress: Progress, data: Ingested | None = None) -> SessionResult:
+    """Run one session; `data` is what `ingest` made of this config, where it is known already.
 
     Raises:
         InputError: bad input.
         EstimationError: a trajectory whose anchors do not fix its frame, or whose solve did not converge.
     """
     started = time.perf_counter()
-    progress.phase("read", config.name)
-    data = ingest(config)
+    if data is None:
+        progress.phase("read", config.name)
+        data = ingest(config)
     read_s = time.perf_counter() - started
     trajectories: dict[str, TrajectoryResult] = {}
     for name, source in config.trajectories.items():
@@ -257,15 +258,20 @@ def _reference_errors(
     """ATE of every stage's trajectory; only a reference in a frame of its own is aligned first."""
     if reference is None or source.reference is None:
         return {}
-    if source.reference.frame == "grid":
-        position_m = data.frame.to_local(reference.position_m)
-        reference = Trajectory(reference.stamp_s, position_m, reference.quat_wxyz)
+    reference = local_reference(source, reference, data)
     align = "se3" if source.reference.frame == "own" else "none"
     arm = source.reference.t_body_reference_m
     return {
         stage: absolute_error(estimate, reference, t_body_reference_m=arm, align=align)
         for stage, estimate in estimates.items()
     }
+
+
+def local_reference(source: TrajectoryInput, reference: Trajectory, data: Ingested) -> Trajectory:
+    """The reference in the session's local frame; as it is where it has a frame of its own."""
+    if source.reference is None or source.reference.frame != "grid":
+        return reference
+    return Trajectory(reference.stamp_s, data.frame.to_local(reference.position_m), reference.quat_wxyz)
 
 
 class Clock:

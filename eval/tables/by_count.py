@@ -1,0 +1,103 @@
+"""Accuracy against the number of anchors: every choice of k locations, the others held out."""
+
+import itertools
+from collections.abc import Sequence
+
+from eval.evaluation import STAGE_NAME, TrajectoryEvaluation
+from eval.reference_study import BY_COUNT
+from eval.subsets import SubsetSummary, pooled_summary
+from eval.tables.columns import (
+    BESIDE_GROUP,
+    PROVENANCE,
+    SESSION,
+    STAGE,
+    TRAJECTORY,
+    counts,
+    length_unit_of,
+    lengths,
+    notes,
+    provenance,
+    shares,
+)
+from jaxgeo.export.table import Table
+
+NOTE = (
+    "In-sample: the anchors that were fitted to; held out: all visits of the other locations. Noise is learned anew "
+    "for every choice of anchors. Failed: choices that do not fix the frame or did not settle; they are in no mean."
+)
+
+
+def by_count_table(evaluations: Sequence[TrajectoryEvaluation], beside: bool = False) -> Table | None:
+    """A row for every trajectory, stage and number of anchors; beside the study its sessions are pooled, as there."""
+    groups = grouped(evaluations, pooled=beside)
+    found = [(group, stage, s) for group in groups for stage in STAGE_NAME for s in summaries(groups[group], stage)]
+    if not found:
+        return None
+    unit = "cm" if beside else length_unit_of(s.held_out_mean_m for _, _, s in found)
+    columns = (
+        SESSION,
+        TRAJECTORY,
+        STAGE,
+        *counts("", "k", "choices", "failed"),
+        *lengths("in-sample", "mean", "RMS", unit=unit),
+        *lengths("held out", "mean", "RMS", unit=unit),
+        *shares("held out", "in 95 %"),
+        *(lengths(f"{BESIDE_GROUP}, in-sample", "mean", "RMS", unit=unit) if beside else ()),
+        *(lengths(f"{BESIDE_GROUP}, held out", "mean", "RMS", unit=unit) if beside else ()),
+        *PROVENANCE,
+    )
+    rows = [
+        (
+            *group,
+            STAGE_NAME[stage],
+            s.k,
+            s.n_subsets,
+            s.n_failed,
+            s.in_sample_mean_m,
+            s.in_sample_rms_m,
+            s.held_out_mean_m,
+            s.held_out_rms_m,
+            s.coverage_95,
+            *(_beside(group[1], stage, s.k) if beside else ()),
+            *provenance(groups[group][0], stage),
+        )
+        for group, stage, s in found
+    ]
+    first = (
+        "First visits: only each location's first visit takes part, as in the reference study, whose similarity has "
+        "at most six points; all other rows have every visit in.",
+    )
+    return Table(
+        "by_count",
+        "Accuracy against the number of anchors k",
+        columns,
+        tuple(rows),
+        notes(evaluations, beside, NOTE, *(first if beside else ())),
+    )
+
+
+def grouped(
+    evaluations: Sequence[TrajectoryEvaluation], pooled: bool
+) -> dict[tuple[str, str], list[TrajectoryEvaluation]]:
+    """By (session, trajectory), or all sessions' trajectories of one name together."""
+    groups: dict[tuple[str, str], list[TrajectoryEvaluation]] = {}
+    for evaluation in evaluations:
+        session = "+".join(dict.fromkeys(e.session for e in evaluations)) if pooled else evaluation.session
+        groups.setdefault((session, evaluation.name), []).append(evaluation)
+    return groups
+
+
+def summaries(group: Sequence[TrajectoryEvaluation], stage: str) -> list[SubsetSummary]:
+    """Of all numbers of anchors that every evaluation of the group has, most first; none where one lacks the stage."""
+    if any(stage not in e.subsets for e in group):
+        return []
+    by_k = [{errors.k: errors for errors in e.subsets[stage]} for e in group]
+    ks = [k for k in by_k[0] if all(k in other for other in by_k)]
+    return [pooled_summary([found[k] for found in by_k]) for k in ks]
+
+
+def _beside(trajectory: str, stage: str, k: int) -> tuple[float | None, ...]:
+    found = BY_COUNT.get(trajectory, {}).get(k) if stage == "first" else None
+    if found is None:
+        return (None,) * 4
+    return tuple(itertools.chain(found.in_sample_m, found.held_out_m or (None, None)))
