@@ -32,7 +32,7 @@ from jaxgeo.solve.ensemble_correct import EnsembleCorrection
 # In the order of the tables: `true` is the noise that a simulated trajectory was drawn from.
 STAGES = ("coarse", "fixed", "learned", "true")
 STAGE_NAME = {
-    "first": "one-time similarity, first visits",
+    "first": "similarity, first visits",
     "coarse": "one-time similarity",
     "fixed": "fixed noise",
     "learned": "learned noise",

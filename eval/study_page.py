@@ -4,6 +4,7 @@ import dataclasses
 from collections.abc import Iterator, Sequence
 
 from eval.figures import Picture
+from jaxgeo.export.figure_style import WIDTH_IN
 from jaxgeo.export.interactive import interactive_scripts
 from jaxgeo.export.report import glossary, interactive, method, summary
 from jaxgeo.export.report_page import escape, facts, figure, page, paragraph
@@ -57,7 +58,8 @@ def study_page(
         body.append(f"<h2>Session {escape(result.name)} in full</h2>")
         body += [part.replace("<h2>", "<h3>").replace("</h2>", "</h3>") for part in method(result)]
         for trajectory in result.trajectories.values():
-            body += trajectory_section(result, trajectory, interactive=drawn)
+            heading, *rest = trajectory_section(result, trajectory, interactive=drawn)
+            body += [heading.replace("<h2>", f"<h2>Session {escape(result.name)}: "), *rest]
     body += [*glossary(), "<h2>This run</h2>", facts("Versions and seeds", flat_pairs(made_with))]
     heading = f"{'SIMULATED: ' if simulated else ''}{title}"
     return page(heading, body, interactive_scripts() if drawn else ())
@@ -67,10 +69,11 @@ def study_sections(tables: Sequence[Table], figures: Sequence[StudyFigure]) -> I
     """Every table, and behind it its figures."""
     for table in tables:
         yield f'<h2 id="table-{escape(table.name)}">{escape(table.title)}</h2>'
-        yield html_text(table)
+        yield html_text(table, titled=False)
         for each in figures:
             if each.table == table.name and each.on_page:
-                yield figure(each.picture.svg(), each.alt, each.caption)
+                width = min(each.picture.figure.get_figwidth() / WIDTH_IN, 1.0)
+                yield figure(each.picture.svg(), each.alt, each.caption, width)
 
 
 def contents(sessions: Sequence[SessionResult], tables: Sequence[Table]) -> str:

@@ -7,7 +7,6 @@ from eval.evaluation import STAGE_NAME, TrajectoryEvaluation
 from eval.reference_study import BY_COUNT
 from eval.subsets import SubsetSummary, pooled_summary
 from eval.tables.columns import (
-    BESIDE_GROUP,
     PROVENANCE,
     SESSION,
     STAGE,
@@ -35,20 +34,20 @@ def by_count_table(evaluations: Sequence[TrajectoryEvaluation], beside: bool = F
         return None
     unit = "cm" if beside else length_unit_of(s.held_out_mean_m for _, _, s in found)
     columns = (
-        SESSION,
+        *(() if beside else (SESSION,)),
         TRAJECTORY,
         STAGE,
         *counts("", "k", "choices", "failed"),
         *lengths("in-sample", "mean", "RMS", unit=unit),
         *lengths("held out", "mean", "RMS", unit=unit),
-        *shares("held out", "in 95 %"),
-        *(lengths(f"{BESIDE_GROUP}, in-sample", "mean", "RMS", unit=unit) if beside else ()),
-        *(lengths(f"{BESIDE_GROUP}, held out", "mean", "RMS", unit=unit) if beside else ()),
+        *shares("", "in 95 %"),
+        *(lengths("study: in-sample", "mean", "RMS", unit=unit) if beside else ()),
+        *(lengths("study: held out", "mean", "RMS", unit=unit) if beside else ()),
         *PROVENANCE,
     )
     rows = [
         (
-            *group,
+            *(group[1:] if beside else group),
             STAGE_NAME[stage],
             s.k,
             s.n_subsets,
@@ -64,6 +63,7 @@ def by_count_table(evaluations: Sequence[TrajectoryEvaluation], beside: bool = F
         for group, stage, s in found
     ]
     first = (
+        "The sessions are pooled, as in the reference study.",
         "First visits: only each location's first visit takes part, as in the reference study, whose similarity has "
         "at most six points; all other rows have every visit in.",
     )

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 from eval.clouds import CloudDistance
 from eval.reference_study import CLOUDS
-from eval.tables.columns import BESIDE_GROUP, BESIDE_NOTE, SIMULATED_NOTE, counts, lengths, shares
+from eval.tables.columns import BESIDE_GROUP, BESIDE_NOTE, SIMULATED_NOTE, counts, length_beside, shares
 from jaxgeo.export.table import Column, Table
 
 _NOTE = (
@@ -19,13 +19,10 @@ def clouds_table(found: Mapping[tuple[str, str], CloudDistance], floor: CloudDis
         Column("trajectory", align="left"),
         Column("stage", align="left"),
         *counts("", "points"),
-        *lengths("nearest neighbour", "mean", "median"),
+        *(length_beside("nearest neighbour", head) for head in ("mean", "median")),
         *shares("nearest neighbour", "within 30 cm", digits=1),
-        *(
-            (*lengths(BESIDE_GROUP, "mean", "median"), *shares(BESIDE_GROUP, "within 30 cm", digits=1))
-            if beside
-            else ()
-        ),
+        *((length_beside(BESIDE_GROUP, head) for head in ("mean", "median")) if beside else ()),
+        *(shares(BESIDE_GROUP, "within 30 cm", digits=1) if beside else ()),
     )
     study = {("dense", "fixed noise"): CLOUDS} if beside else {}
     rows = [

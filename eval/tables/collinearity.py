@@ -13,6 +13,7 @@ from eval.tables.columns import (
     SESSION,
     STAGE,
     TRAJECTORY,
+    length_beside,
     length_unit_of,
     lengths,
     notes,
@@ -50,7 +51,7 @@ def geometry_table(evaluations: Sequence[TrajectoryEvaluation], beside: bool = F
         Column("neighbours", align="left"),
         *lengths("", "from their line"),
         percent,
-        *((*lengths(BESIDE_GROUP, "from their line"), Column("of the line", "%", BESIDE_GROUP, 2, factor=100.0))
+        *((length_beside(BESIDE_GROUP, "from their line"), Column("of the line", "%", BESIDE_GROUP, 2, factor=100.0))
           if beside else ()),
     )  # fmt: skip
     low, high = (100.0 * x for x in OTHERS_FROM_LINE_M)
@@ -94,7 +95,8 @@ def contrast_table(evaluations: Sequence[TrajectoryEvaluation], beside: bool = F
         Column("near-collinear", align="left"),
         *lengths("mean held-out error", "near-collinear", "others", unit=unit),
         *numbers("", "ratio"),
-        *((*lengths(BESIDE_GROUP, "near", "others", unit=unit), *numbers(BESIDE_GROUP, "ratio")) if beside else ()),
+        *(lengths(BESIDE_GROUP, "near", "others", unit=unit) if beside else ()),
+        *(numbers("", "study's ratio") if beside else ()),
         *PROVENANCE,
     )
     own = "Near-collinear: less than a tenth of the distance between its two neighbours away from their line."

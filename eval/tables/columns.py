@@ -26,9 +26,15 @@ PROVENANCE = tuple(
 
 
 def lengths(group: str, *heads: str, unit: str = "cm") -> tuple[Column, ...]:
-    """Columns of lengths; rows hold metres."""
+    """Columns of lengths; rows hold metres. The unit stands once, with the group, where there is one."""
     factor, digits = {"cm": (100.0, 1), "m": (1.0, 2)}[unit]
-    return tuple(Column(head, unit=unit, group=group, digits=digits, factor=factor) for head in heads)
+    place = {"group": f"{group} [{unit}]"} if group else {"unit": unit}
+    return tuple(Column(head, digits=digits, factor=factor, **place) for head in heads)
+
+
+def length_beside(group: str, head: str) -> Column:
+    """A length in centimetres in a group that holds other things too: the unit stands with it."""
+    return Column(head, unit="cm", group=group, digits=1, factor=100.0)
 
 
 def shares(group: str, *heads: str, digits: int = 0) -> tuple[Column, ...]:

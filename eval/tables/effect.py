@@ -19,7 +19,6 @@ from eval.tables.columns import (
     length_unit_of,
     lengths,
     notes,
-    numbers,
     provenance,
     shares,
     stats_of,
@@ -53,8 +52,7 @@ def effect_table(evaluations: Sequence[TrajectoryEvaluation], beside: bool = Fal
         *lengths("revisit", "all in", "held out", unit=unit),
         *lengths("leave one location out", "mean", "low", "high", "RMS", unit=unit),
         *counts("", "failed"),
-        *shares("inside ellipsoid of", "50 %", "95 %"),
-        *numbers("", "NEES"),
+        *shares("", "in 95 %"),
         *(lengths(BESIDE_GROUP, "revisit", "mean", "RMS", unit=unit) if beside else ()),
         *PROVENANCE,
     )
@@ -76,18 +74,17 @@ def effect_table(evaluations: Sequence[TrajectoryEvaluation], beside: bool = Fal
                     *interval_of_mean(per_location, evaluation.seed),
                     found.rms_m,
                     found.n_failed,
-                    *((found.coverage_50, found.coverage_95, found.nees_mean) if found.n_covariance else (None,) * 3),
+                    found.coverage_95 if found.n_covariance else None,
                     *(_beside(evaluation, stage) if beside else ()),
                     *provenance(evaluation, stage),
                 )
             )
-    nees = "NEES: squared error in units of its predicted covariance, mean over locations; 3 where that is right."
     return Table(
         "effect",
         "Effect of the correction: agreement of revisits and held-out error",
         columns,
         tuple(rows),
-        notes(evaluations, beside, REVISIT_NOTE, HELD_OUT_NOTE, nees, *((FIRST_NOTE,) if beside else ())),
+        notes(evaluations, beside, REVISIT_NOTE, HELD_OUT_NOTE, *((FIRST_NOTE,) if beside else ())),
     )
 
 
@@ -104,7 +101,7 @@ def _first_row(evaluation: TrajectoryEvaluation, first: FirstVisits) -> tuple[An
         *interval_of_mean(error_m, evaluation.seed),
         float(np.sqrt(np.mean(known**2))) if len(known) else None,
         len(error_m) - len(known),
-        *((None,) * 3),
+        None,
         *_beside(evaluation, "first"),
         *provenance(evaluation, "coarse"),
     )

@@ -7,7 +7,7 @@ import numpy as np
 from eval.evaluation import TrajectoryEvaluation
 from eval.reference_study import REPEATABILITY
 from eval.repeatability import repeatability
-from eval.tables.columns import BESIDE_GROUP, SESSION, counts, lengths, notes
+from eval.tables.columns import BESIDE_GROUP, SESSION, counts, length_beside, notes
 from jaxgeo.export.table import Column, Table
 
 _TEXT = Column("visit", align="left")
@@ -29,8 +29,8 @@ def places_table(
         _LOCATION,
         *grid,
         *counts("sightings", "n"),
-        *lengths("sightings", "RMS"),
-        *((*counts(BESIDE_GROUP, "n"), *lengths(BESIDE_GROUP, "RMS")) if beside else ()),
+        length_beside("sightings", "RMS"),
+        *((*counts(BESIDE_GROUP, "n"), length_beside(BESIDE_GROUP, "RMS")) if beside else ()),
     )
     rows = []
     for session in dict.fromkeys(e.session for e in evaluations):

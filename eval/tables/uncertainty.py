@@ -20,9 +20,9 @@ from eval.uncertainty import CalibrationRow, calibration_row, pooled_calibration
 from jaxgeo.export.table import Table
 
 _NOTE = (
-    "Held-out visits in their own fold's predicted covariance, survey and sighting included. Achieved over predicted "
-    "above 1: the errors are larger than was said. The band of the mean NEES is for independent locations; the folds "
-    "of one session share its odometry, so that the true band is wider."
+    "Held-out visits in their own fold's predicted covariance, survey and sighting included. A ratio of achieved to "
+    "predicted above 1: the errors are larger than was said. The band of the mean NEES is for independent locations; "
+    "the folds of one session share its odometry, so that the true band is wider."
 )
 
 
@@ -51,7 +51,7 @@ def uncertainty_table(evaluations: Sequence[TrajectoryEvaluation]) -> Table | No
         *shares("inside ellipsoid of", "50 %", "95 %"),
         *numbers("NEES", "mean", "band low", "band high"),
         *lengths("RMS", "predicted", "achieved", unit=unit),
-        *numbers("", "achieved / predicted"),
+        *numbers("", "ratio"),
         *PROVENANCE,
     )
     rows = tuple(

@@ -2,7 +2,7 @@
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, NullFormatter
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from jaxgeo.export.figure_style import COLOUR, STAGE_LABEL, WIDTH_IN, figure_style, legend_below, length_unit, svg_bytes
 from jaxgeo.export.held_out_stats import stats_by_stage
@@ -42,6 +42,7 @@ def held_out_plot(trajectory: TrajectoryResult) -> bytes:
                 axes.plot(x[failed], np.full(failed.sum(), floor), **style)
         if logarithmic:
             axes.set_yscale("log")
+            axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
             axes.yaxis.set_major_formatter(FuncFormatter(lambda y, _: f"{y:g}"))
             axes.yaxis.set_minor_formatter(NullFormatter())
         axes.set_ylabel(f"Held-out error [{unit}]" + (", log scale" if logarithmic else ""))

@@ -80,11 +80,15 @@ def bullets(lines: Iterable[str]) -> str:
     return "<ul>" + "".join(f"<li>{escape(line)}</li>" for line in lines) + "</ul>"
 
 
-def figure(svg: bytes, alt: str, caption: str) -> str:
-    """An SVG as an image of its own: nothing in it can reach the page, or be reached from it."""
+def figure(svg: bytes, alt: str, caption: str, width: float = 1.0) -> str:
+    """An SVG as an image of its own: nothing in it can reach the page, or be reached from it.
+
+    `width`: share of the page's; narrow figures look swollen on all of it.
+    """
     data = base64.b64encode(svg).decode("ascii")
+    style = f' style="width:{100 * width:.0f}%"' if width < 1.0 else ""
     return (
-        f'<figure><img alt="{escape(alt)}" src="data:image/svg+xml;base64,{data}">'
+        f'<figure><img alt="{escape(alt)}"{style} src="data:image/svg+xml;base64,{data}">'
         f"<figcaption>{escape(caption)}</figcaption></figure>"
     )
 
@@ -99,7 +103,10 @@ def table(
     text_columns: Sequence[int] = (0,),
     wrap_columns: Sequence[int] = (),
 ) -> str:
-    """A table of escaped texts. `groups` (title, columns spanned) make a second header row above."""
+    """A table of escaped texts; without a caption where that is empty.
+
+    `groups` (title, columns spanned) make a second header row above.
+    """
     starts, at = set(), 0
     for _, span in groups:
         starts.add(at)
@@ -118,7 +125,9 @@ def table(
         for i, (title, span) in enumerate(groups)
     )
     parts = [
-        f'<div class="scroll"><table><caption>{escape(caption)}</caption><thead>',
+        '<div class="scroll"><table>',
+        f"<caption>{escape(caption)}</caption>" if caption else "",
+        "<thead>",
         f"<tr>{upper}</tr>" if groups else "",
         row(columns, "th") if columns else "",
         "</thead><tbody>",

@@ -163,11 +163,11 @@ def latex_text(table: Table) -> str:
     return "\n".join([*lines, ""])
 
 
-def html_text(table: Table) -> str:
-    """The table for the report's page, notes below it."""
+def html_text(table: Table, titled: bool = True) -> str:
+    """The table for the report's page, notes below it; not `titled` where a heading says what it is."""
     table = printed(table)
     grid = report_page.table(
-        table.title,
+        table.title if titled else "",
         [c.title for c in table.columns],
         _texts(table.rows, table.columns),
         groups=table.groups,

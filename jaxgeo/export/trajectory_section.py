@@ -145,4 +145,5 @@ def numbers(trajectory: TrajectoryResult) -> Iterator[str]:
     elif sigma > 0.0:
         solver.append(("log-scale of the odometry", f"{number_text(log_scale)} ± {number_text(sigma)}"))
     yield facts("Solver", solver)
-    yield facts("Time in seconds", flat_pairs(trajectory.timing_s))
+    if trajectory.timing_s:
+        yield facts("Time in seconds", flat_pairs(trajectory.timing_s))

@@ -61,7 +61,7 @@ def test_several_sessions_are_told_apart_and_tabled_together(config, tmp_path):
     assert (out / "other" / "report.html").is_file()
     assert {row["session"] for row in table(out, "effect")} == {"small", "other"}
     rows = {session: [r for r in table(out, "effect") if r["session"] == session] for session in ("small", "other")}
-    mean = "leave one location out: mean [cm]"
+    mean = "leave one location out [cm]: mean"
     assert [r[mean] for r in rows["small"]] == [r[mean] for r in rows["other"]]
     assert "together" in {row["trajectory"] for row in table(out, "uncertainty")}
 

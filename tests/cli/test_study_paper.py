@@ -70,9 +70,9 @@ def test_no_place_on_this_machine_and_no_time_is_written(studies):
 def test_the_reference_study_stands_beside_every_row_that_it_has(studies):
     found = rows(studies[0], "effect")
     beside = {
-        (row["session"], row["trajectory"]): float(row["reference study (recorded): mean [cm]"])
+        (row["session"], row["trajectory"]): float(row["reference study (recorded) [cm]: mean"])
         for row in found
-        if row["stage"] == "one-time similarity, first visits"
+        if row["stage"] == "similarity, first visits"
     }
     assert beside == {place: pytest.approx(100 * each.loo_mean_m[0]) for place, each in EFFECT.items()}
     assert {row["stage"] for row in found} >= {"one-time similarity", "fixed noise", "learned noise", "true noise"}
@@ -93,7 +93,7 @@ def test_means_are_those_of_the_sessions_own_metrics(studies):
         stage = {"one-time similarity": "coarse", "fixed noise": "fixed", "learned noise": "learned"}.get(row["stage"])
         if stage:
             loo = metrics[row["session"]]["trajectories"][row["trajectory"]]["loo"][stage]
-            assert float(row["leave one location out: mean [cm]"]) == pytest.approx(100 * loo["mean_m"])
+            assert float(row["leave one location out [cm]: mean"]) == pytest.approx(100 * loo["mean_m"])
 
 
 def test_choices_are_counted(studies):
