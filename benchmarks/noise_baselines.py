@@ -16,6 +16,7 @@ import typer
 
 from benchmarks.sessions import ROOT, length, share
 from calibration.calibrate import LearnSettings, calibrate
+from eval.montecarlo.settings import LAYOUT
 from eval.noise_baselines import NoiseBaseline, noise_baselines
 from jaxgeo.associate import cut_visits, label_visits, make_anchors
 from jaxgeo.cli.ingest import ingest
@@ -27,7 +28,7 @@ from jaxgeo.graph.noise import OdometryNoise, odometry_noise
 from jaxgeo.graph.noise_defaults import default_noise
 from jaxgeo.precision import enable_compilation_cache
 from jaxgeo.simulate import Drift, simulate_session
-from jaxgeo.simulate.session import ORDER, ORIGIN_ENH_M
+from jaxgeo.simulate.layout import ORDER, ORIGIN_ENH_M
 from jaxgeo.solve.correct import Settings
 
 # White noise and a constant bias of the sizes that indoor LiDAR odometry has; the bias itself is drawn.
@@ -78,7 +79,7 @@ def simulated_problem(seed: int) -> Problem:
         tuple(SIGMA_BIAS_TRANS * random.standard_normal(3)),  # type: ignore[arg-type]
         tuple(SIGMA_BIAS_ROT * random.standard_normal(3)),  # type: ignore[arg-type]
     )
-    session = simulate_session(seed, drift={"odometry": drift})
+    session = simulate_session(seed, LAYOUT, drift={"odometry": drift})
     trajectory = session.trajectories["odometry"]
     visits, _ = label_visits(cut_visits(session.sightings, _GAP_S), session.survey, order=list(ORDER))
     anchors, _ = make_anchors(trajectory, session.sightings, visits, session.survey, origin_enh_m=ORIGIN_ENH_M)

@@ -20,7 +20,7 @@ def summarise(learned: Learned, prior: FamilyPrior, kind: str, observations: str
     """Gather one fold's learned noise (NumPy arrays)."""
     weight = np.asarray(learned.model_weight)
     mean, covariance = model_moments(learned)
-    sigmas = _sigmas(learned, prior, weight, mean, covariance)
+    sigmas = sigma_estimates(learned, prior)
     estimates = sorted(
         (_model(learned, i, name, weight) for i, name in enumerate(MODELS)), key=lambda m: m.weight, reverse=True
     )
@@ -75,13 +75,10 @@ def _prior_mean(learned: Learned) -> Float[np.ndarray, "n"]:
     return np.asarray(learned.prior.mean)[0]
 
 
-def _sigmas(
-    learned: Learned,
-    prior: FamilyPrior,
-    weight: Float[np.ndarray, "models"],
-    mean: Float[np.ndarray, "models n"],
-    covariance: Float[np.ndarray, "models n n"],
-) -> tuple[SigmaEstimate, ...]:
+def sigma_estimates(learned: Learned, prior: FamilyPrior) -> tuple[SigmaEstimate, ...]:
+    """Every component's posterior over the models, and those of `GROUPS`; fold and contrasts are not read."""
+    weight = np.asarray(learned.model_weight)
+    mean, covariance = model_moments(learned)
     prior_mean = _prior_mean(learned)
     out = []
     picks = {name: np.eye(N_COMPONENTS)[i] for i, name in enumerate(COMPONENTS)}

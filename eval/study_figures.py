@@ -12,21 +12,19 @@ from eval.study_page import StudyFigure
 from eval.tables.by_count import grouped, summaries
 from jaxgeo.export.held_out_stats import final_stage
 from jaxgeo.export.result import SessionResult
-from jaxgeo.io.orthophoto import Orthophoto
 
 
 def study_figures(
     sessions: Sequence[SessionResult],
     evaluations: Sequence[TrajectoryEvaluation],
-    basemap: dict[str, Orthophoto | None],
     *,
     beside: bool = False,
 ) -> tuple[StudyFigure, ...]:
-    """Those that the data allow. `basemap`: by session; `beside`: with the reference study's figures."""
+    """Those that the data allow. `beside`: with the reference study's figures."""
     simulated = any(result.simulated for result in sessions)
     found: list[StudyFigure] = []
     for result in sessions:
-        found += _maps(result, basemap.get(result.name))
+        found += _maps(result)
     found += _by_number(evaluations, simulated, beside)
     predicted = {
         STAGE_NAME[stage]: _predicted_achieved(evaluations, stage)
@@ -49,7 +47,7 @@ def study_figures(
     return tuple(found)
 
 
-def _maps(result: SessionResult, photo: Orthophoto | None) -> list[StudyFigure]:
+def _maps(result: SessionResult) -> list[StudyFigure]:
     """The session's trajectories on one map, and each before and after its correction."""
     survey = {name: np.asarray(place)[:2] for name, place in result.survey_enh_m.items()}
     paths = {name: t.corrected.position_m[:, :2] for name, t in result.trajectories.items()}
@@ -58,10 +56,10 @@ def _maps(result: SessionResult, photo: Orthophoto | None) -> list[StudyFigure]:
         StudyFigure(
             f"map_{result.name}",
             "effect",
-            trajectories_map(paths, survey, origin, result.frame.crs, photo, result.simulated),
+            trajectories_map(paths, survey, origin, result.frame.crs, result.basemap, result.simulated),
             f"Corrected trajectories of {result.name}",
             f"Session {result.name}: corrected trajectories and surveyed points in grid coordinates"
-            + ("." if photo is not None else "; no orthophoto was given."),
+            + ("." if result.basemap is not None else "; no orthophoto was given."),
         )
     ]
     figures += [

@@ -3,37 +3,65 @@
 from collections.abc import Mapping
 
 from eval.clouds import CloudDistance
+from eval.evaluation import STAGE_NAME, TrajectoryEvaluation
 from eval.reference_study import CLOUDS
-from eval.tables.columns import BESIDE_GROUP, BESIDE_NOTE, SIMULATED_NOTE, counts, length_beside, shares
-from jaxgeo.export.table import Column, Table
+from eval.tables.columns import (
+    BESIDE_GROUP,
+    PROVENANCE,
+    STAGE,
+    TRAJECTORY,
+    counts,
+    length_beside,
+    notes,
+    provenance,
+    shares,
+)
+from jaxgeo.export.table import Table
 
 _NOTE = (
     "From every point of the first session's cloud to the nearest of the second's. Each cloud moves with its own "
     "trajectory, which is georeferenced by itself; nothing is fitted between them."
 )
+_FLOOR = "Last row: both clouds carried by the true trajectories, what point spacing and range noise alone give."
+# The study's clouds moved with its dense trajectories, corrected with one noise for all.
+_BESIDE = ("dense", "fixed")
 
 
-def clouds_table(found: Mapping[tuple[str, str], CloudDistance], floor: CloudDistance, beside: bool = False) -> Table:
-    """Rows by (trajectory, stage); `floor`: the same sightings carried by the true trajectories."""
+def clouds_table(
+    found: Mapping[tuple[str, str], CloudDistance],
+    floor: CloudDistance,
+    first: Mapping[str, TrajectoryEvaluation],
+    beside: bool = False,
+) -> Table:
+    """Rows by (trajectory, stage).
+
+    Args:
+        floor: the same sightings carried by the true trajectories.
+        first: the first session's evaluations by trajectory.
+    """
     columns = (
-        Column("trajectory", align="left"),
-        Column("stage", align="left"),
+        TRAJECTORY,
+        STAGE,
         *counts("", "points"),
         *(length_beside("nearest neighbour", head) for head in ("mean", "median")),
         *shares("nearest neighbour", "within 30 cm", digits=1),
         *((length_beside(BESIDE_GROUP, head) for head in ("mean", "median")) if beside else ()),
         *(shares(BESIDE_GROUP, "within 30 cm", digits=1) if beside else ()),
+        *PROVENANCE,
     )
-    study = {("dense", "fixed noise"): CLOUDS} if beside else {}
+
+    def distances(d: CloudDistance, reported: tuple[float | None, ...]) -> tuple[float | None, ...]:
+        return d.n, d.mean_m, d.median_m, d.share_within_30cm, *(reported if beside else ())
+
     rows = [
-        (*key, d.n, d.mean_m, d.median_m, d.share_within_30cm, *(study.get(key, (None,) * 3) if beside else ()))
-        for key, d in {**found, ("(true)", "truth"): floor}.items()
+        (
+            trajectory,
+            STAGE_NAME[stage],
+            *distances(d, CLOUDS if (trajectory, stage) == _BESIDE else (None,) * 3),
+            *provenance(first[trajectory], stage),
+        )
+        for (trajectory, stage), d in found.items()
     ]
-    note = "Last row: both clouds carried by the true trajectories, what point spacing and range noise alone give."
-    return Table(
-        "clouds",
-        "Clouds of the two sessions against each other",
-        columns,
-        tuple(rows),
-        (_NOTE, note, SIMULATED_NOTE, *((BESIDE_NOTE,) if beside else ())),
-    )
+    rows.append(("(true)", "truth", *distances(floor, (None,) * 3), *(None,) * len(PROVENANCE)))
+    said = notes(list(first.values()), beside, _NOTE, _FLOOR)
+    return Table("clouds", "Clouds of the two sessions against each other", columns, tuple(rows), said)

@@ -28,8 +28,8 @@ PROVENANCE = tuple(
 def lengths(group: str, *heads: str, unit: str = "cm") -> tuple[Column, ...]:
     """Columns of lengths; rows hold metres. The unit stands once, with the group, where there is one."""
     factor, digits = {"cm": (100.0, 1), "m": (1.0, 2)}[unit]
-    place = {"group": f"{group} [{unit}]"} if group else {"unit": unit}
-    return tuple(Column(head, digits=digits, factor=factor, **place) for head in heads)
+    name, own = (f"{group} [{unit}]", "") if group else ("", unit)
+    return tuple(Column(head, unit=own, group=name, digits=digits, factor=factor) for head in heads)
 
 
 def length_beside(group: str, head: str) -> Column:

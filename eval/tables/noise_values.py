@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from eval.evaluation import TrajectoryEvaluation
-from eval.tables.columns import SESSION, TRAJECTORY, notes, shares
+from eval.tables.columns import PROVENANCE, SESSION, TRAJECTORY, notes, provenance, shares
 from jaxgeo.export.table import Column, Table
 from jaxgeo.graph.components import COMPONENTS, ROT, TRANS, NoiseEnsemble, ensemble_of
 from jaxgeo.graph.noise import OdometryNoise
@@ -41,6 +41,7 @@ def noise_table(
             rows.append(
                 (*key, name, *map(significant, sizes), sigma["probability"])
                 + ((significant(truth), ratio) if true else ())
+                + provenance(evaluation, "learned")
             )
     if not rows:
         return None
@@ -56,6 +57,7 @@ def noise_table(
         *(value(head, "learned") for head in ("median", "low 95 %", "high 95 %")),
         *shares("learned", "probability"),
         *((value("true"), Column("learned / true", digits=2)) if true else ()),
+        *PROVENANCE,
     )
     return Table("noise", "Odometry noise", columns, tuple(rows), notes(evaluations, False, _NOTE))
 

@@ -47,7 +47,7 @@ def evaluate_configs(paths: Sequence[Path], out: Path | None, overrides: Sequenc
         cost = cost_table(evaluations, device_words())
         tables = (*tables, *(() if cost is None else (cost,)))
         results = [session.result for session in sessions]
-        figures = study_figures(results, evaluations, {s.config.name: s.basemap for s in sessions})
+        figures = study_figures(results, evaluations)
         files = study_files(tables, figures)
         with output_folder(out) as temporary:
             if len(sessions) == 1:

@@ -2,8 +2,6 @@
 
 import dataclasses
 
-import numpy as np
-
 from calibration.calibrate import LearnSettings
 from eval.evaluation import EvaluationInput, TrajectoryEvaluation, evaluate_trajectory
 from jaxgeo.cli.ingest import Ingested, ingest
@@ -12,31 +10,20 @@ from jaxgeo.cli.progress import Progress
 from jaxgeo.cli.session import local_reference, named, run_session, settings_of
 from jaxgeo.config.schema import SessionConfig
 from jaxgeo.data import Trajectory
-from jaxgeo.export.basemap import read_basemap
 from jaxgeo.export.result import SessionResult
 from jaxgeo.graph.components import NoiseEnsemble
 from jaxgeo.graph.noise import OdometryNoise
-from jaxgeo.io.orthophoto import Orthophoto
-
-# How far beyond the surveyed points an orthophoto is read, in the site's size: trajectories go there.
-BASEMAP_REACH = 0.3
 
 
 @dataclasses.dataclass(frozen=True)
 class EvaluatedSession:
-    """What one session gave.
-
-    Attributes:
-        fixed: the fixed noise by trajectory, `true` the true one where it is known.
-        basemap: the orthophoto of its site, if there is one.
-    """
+    """What one session gave. `fixed` is the fixed noise, `true` the true one where it is known, by trajectory."""
 
     config: SessionConfig
     result: SessionResult
     evaluations: tuple[TrajectoryEvaluation, ...]
     fixed: dict[str, OdometryNoise]
     true: dict[str, NoiseEnsemble]
-    basemap: Orthophoto | None
 
 
 def evaluate_session(
@@ -57,7 +44,6 @@ def evaluate_session(
     true = true or {}
     progress.phase("read", config.name)
     data = ingest(config)
-    basemap = _basemap(config, data)  # at once: a file that cannot be read should not cost the whole computation
     result = run_session(config, progress, data)
     evaluations, fixed = [], {}
     for name, source in config.trajectories.items():
@@ -88,17 +74,7 @@ def evaluate_session(
                     lambda what, name=name: progress.phase(what, name),
                 )
             )
-    return EvaluatedSession(config, result, tuple(evaluations), fixed, true, basemap)
-
-
-def _basemap(config: SessionConfig, data: Ingested) -> Orthophoto | None:
-    """Around the survey; paths that leave it by far are not drawn over it."""
-    if config.basemap is None:
-        return None
-    survey_m = data.frame.to_local(data.survey.enh_m)[:, :2]
-    reach = BASEMAP_REACH * np.ptp(survey_m, axis=0).max()
-    corners = np.array([survey_m.min(axis=0) - reach, survey_m.max(axis=0) + reach])
-    return read_basemap(config.basemap, data.frame, corners)
+    return EvaluatedSession(config, result, tuple(evaluations), fixed, true)
 
 
 def _reference(name: str, config: SessionConfig, data: Ingested) -> Trajectory | None:

@@ -25,6 +25,7 @@ from jaxgeo.config.inputs import (
 )
 from jaxgeo.config.schema import SessionConfig
 from jaxgeo.data import Rig, Sightings, Survey, Trajectory, Visit
+from jaxgeo.export.basemap import read_basemap
 from jaxgeo.georef import LocalFrame, default_origin
 from jaxgeo.io import (
     InputWarning,
@@ -36,6 +37,10 @@ from jaxgeo.io import (
     read_trajectory,
     survey_from_points,
 )
+from jaxgeo.io.orthophoto import Orthophoto
+
+# How far beyond the surveyed points an orthophoto is read, in the site's size: trajectories go there.
+BASEMAP_REACH = 0.3
 
 
 @dataclasses.dataclass(frozen=True)
@@ -50,6 +55,7 @@ class Ingested:
     references: dict[str, Trajectory]
     warnings: tuple[str, ...]
     files: tuple[Path, ...]
+    basemap: Orthophoto | None = None
 
 
 def ingest(config: SessionConfig) -> Ingested:
@@ -77,9 +83,19 @@ def ingest(config: SessionConfig) -> Ingested:
     origin = default_origin(survey.enh_m) if config.origin_enh_m is None else np.array(config.origin_enh_m)
     frame = LocalFrame.create(config.crs, origin)
     frame.check(survey.enh_m, _survey_places(config, survey))
-    return Ingested(
-        frame, survey, sightings, labelled, trajectories, references, (*read, *said, *unlabelled), tuple(reader.files)
-    )
+    basemap = _basemap(config, frame, survey, reader)
+    said = (*read, *said, *unlabelled)
+    return Ingested(frame, survey, sightings, labelled, trajectories, references, said, tuple(reader.files), basemap)
+
+
+def _basemap(config: SessionConfig, frame: LocalFrame, survey: Survey, reader: "_Reader") -> Orthophoto | None:
+    """The orthophoto around the surveyed points; paths that leave them by far are not drawn over it."""
+    if config.basemap is None:
+        return None
+    survey_m = frame.to_local(survey.enh_m)[:, :2]
+    reach = BASEMAP_REACH * np.ptp(survey_m, axis=0).max()
+    corners = np.array([survey_m.min(axis=0) - reach, survey_m.max(axis=0) + reach])
+    return read_basemap(reader.seen(config.basemap), frame, corners)
 
 
 def one_visit_a_row(sightings: Sightings) -> list[Visit]:

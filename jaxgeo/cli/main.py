@@ -14,6 +14,7 @@ from typing import Annotated
 
 import typer
 
+from jaxgeo.cli.study_commands import study
 from jaxgeo.errors import JaxgeoError
 
 INTERNAL_ERROR = 1
@@ -22,6 +23,7 @@ INTERRUPTED = 130
 TERMINATED = 143
 
 app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False)
+app.add_typer(study, name="study")
 
 
 @app.callback()
@@ -71,14 +73,51 @@ def calibrate(
 
 
 @app.command()
+def evaluate(
+    configs: Annotated[list[Path], typer.Argument(help="The sessions' configs (YAML), one or several.")],
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for the outputs; default out/NAME, of several sessions out/evaluate.")
+    ] = None,
+    set_: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="KEY=VALUE", help="Replace one value of every config: evaluate.subsets=20"),
+    ] = None,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Print errors only.")] = False,
+) -> None:
+    """Judge sessions by what is held out: every table and figure of the study, for one's own recordings."""
+    from jaxgeo.cli.evaluate import evaluate_configs
+
+    evaluate_configs(configs, out, set_ or [], quiet)
+
+
+@app.command()
 def simulate(
-    out: Annotated[Path, typer.Option(help="Folder for the session's files.")],
+    out: Annotated[Path, typer.Option(help="Folder for the session's files; with --session both, for two folders.")],
     seed: Annotated[int, typer.Option(min=0, help="Seed of all random numbers.")] = 0,
+    session: Annotated[str, typer.Option(help="The reference study's layout: uav, ugv or both.")] = "uav",
+    drift: Annotated[
+        str, typer.Option(help="What is wrong with it: paper, white, biased, gauss-markov, heavy-tailed or scale.")
+    ] = "paper",
+    swap_visits: Annotated[
+        list[str] | None, typer.Option(metavar="I,J", help="Exchange two visits in the visiting order, from 1.")
+    ] = None,
+    swap_locations: Annotated[
+        list[str] | None, typer.Option(metavar="B,E", help="Exchange two locations in the survey.")
+    ] = None,
+    shift: Annotated[
+        list[str] | None, typer.Option(metavar="C=E,N,H", help="Shift a location in the survey, metres.")
+    ] = None,
+    label: Annotated[
+        list[str] | None, typer.Option(metavar="I=D", help="Give a visit another location's name.")
+    ] = None,
+    time_offset: Annotated[float, typer.Option(metavar="S", help="Make the sightings' stamps late by this.")] = 0.0,
 ) -> None:
     """Write a simulated session with known truth: its files, and the config that runs on them."""
-    from jaxgeo.simulate import simulate_session, write_session_files
+    from jaxgeo.cli.simulate import faults_of, simulate_files
 
-    typer.echo(write_session_files(simulate_session(seed), out))
+    faults = faults_of(swap_visits or [], swap_locations or [], shift or [], label or [], time_offset)
+    for config in simulate_files(out, seed, session, drift, faults):
+        typer.echo(config)
 
 
 @app.command()

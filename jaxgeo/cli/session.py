@@ -75,6 +75,7 @@ def run_session(config: SessionConfig, progress: Progress, data: Ingested | None
             "timing_s": {"read": read_s, "total": time.perf_counter() - started},
         },
         simulated=config.simulated,
+        basemap=data.basemap,
     )
 
 

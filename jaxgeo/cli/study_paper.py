@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from eval.clouds import CloudDistance, nearest_neighbour
-from eval.evaluation import STAGE_NAME
 from eval.reference_study import CITATION
 from eval.study_figures import study_figures
 from eval.study_files import put_files, study_files
@@ -80,7 +79,8 @@ def study_paper(
         progress.phase("clouds")
         found, floor = cloud_distances(simulated, sessions)
         progress.phase("tables and figures")
-        files = paper_files(sessions, clouds_table(found, floor, beside=True), seed)
+        first = {e.name: e for e in next(iter(sessions.values())).evaluations}
+        files = paper_files(sessions, clouds_table(found, floor, first, beside=True), seed)
         run = {
             "simulated": True,
             "seed": seed,
@@ -105,7 +105,7 @@ def paper_files(sessions: dict[str, EvaluatedSession], clouds: Table, seed: int)
         beside=True,
     )
     tables = (*tables, clouds)
-    figures = study_figures(results, evaluations, {name: s.basemap for name, s in sessions.items()}, beside=True)
+    figures = study_figures(results, evaluations, beside=True)
     made_with = {"seed": seed, "versions": results[0].run["versions"]}
     report = study_page("The reference study on simulated sessions", LEAD, results, tables, figures, made_with)
     files = study_files(tables, figures) | {"report.html": report}
@@ -133,7 +133,7 @@ def cloud_distances(
         estimates = {name: each[trajectory].estimates for name, each in evaluations.items()}
         for stage in estimates[first]:
             if all(stage in each for each in estimates.values()):
-                found[trajectory, STAGE_NAME[stage]] = distance({n: each[stage] for n, each in estimates.items()})
+                found[trajectory, stage] = distance({n: each[stage] for n, each in estimates.items()})
     return found, distance({name: s.truth for name, s in simulated.items()})
 
 

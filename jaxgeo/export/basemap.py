@@ -17,6 +17,7 @@ from jaxgeo.io.orthophoto import Orthophoto, read_orthophoto
 # A map at 9 inches has 1800 pixels at 200 to the inch; more would only make every file larger.
 MOST_PX = 1600
 PHOTO_OPACITY = 0.8  # over white: lines and labels need a ground that is paler than they are
+PALE_OPACITY = 0.5  # under thin lines and see-through ellipses
 _FILLED = 1.1  # `map_figure` widens one side so that the axes fill the page
 
 
@@ -40,13 +41,15 @@ def read_basemap(path: str | Path, frame: LocalFrame, site_en_m: Float[np.ndarra
     return read_orthophoto(path, crs, (west, south, east, north), MOST_PX)
 
 
-def draw_basemap(axes: Axes, photo: Orthophoto, origin_enh_m: Float[np.ndarray, "3"]) -> None:
+def draw_basemap(
+    axes: Axes, photo: Orthophoto, origin_enh_m: Float[np.ndarray, "3"], opacity: float = PHOTO_OPACITY
+) -> None:
     """The orthophoto under everything else, in local coordinates; the limits of the axes stay."""
     west, south, east, north = photo.bounds_en_m
     origin = np.asarray(origin_enh_m)
     extent = (west - origin[0], east - origin[0], south - origin[1], north - origin[1])
     # `none` puts the photo itself into SVG and PDF, not a copy at screen size
-    axes.imshow(photo.rgba, extent=extent, aspect="auto", interpolation="none", alpha=PHOTO_OPACITY, zorder=0)
+    axes.imshow(photo.rgba, extent=extent, aspect="auto", interpolation="none", alpha=opacity, zorder=0)
     axes.grid(color="white", alpha=0.45)
     axes.spines[:].set_visible(True)
 

@@ -1,9 +1,13 @@
 """The plan view that answers the pointer: every pose's coordinates and sigma, errors drawn as large as one asks for."""
 
+import base64
 from typing import Any
 
+import cv2
 import numpy as np
+from jaxtyping import UInt8
 
+from jaxgeo.export.basemap import PALE_OPACITY
 from jaxgeo.export.figure_style import COLOUR, STAGE_LABEL
 from jaxgeo.export.held_out_stats import chi_square_quantile, final_stage, normalised_squared_errors
 from jaxgeo.export.interactive import interactive_figure, layout, metre_axis, plot_text
@@ -20,6 +24,7 @@ from jaxgeo.export.map_axes import MAGNIFICATIONS, map_limits
 from jaxgeo.export.number_words import decimal, grouped, length_words
 from jaxgeo.export.plan_view import PATH_ELLIPSES, evenly_spaced_rows, plan_factor
 from jaxgeo.export.result import HeldOut, SessionResult, TrajectoryResult
+from jaxgeo.io.orthophoto import Orthophoto
 
 # Points on the outline of an ellipse.
 OUTLINE = 48
@@ -74,6 +79,7 @@ def plan_spec(result: SessionResult, trajectory: TrajectoryResult) -> dict[str, 
         "layout": layout(
             hovermode="closest",
             dragmode="zoom",
+            images=[] if result.basemap is None else [photo_under(result.basemap)],
             xaxis=metre_axis("Easting [m]", range=[low[0], high[0]], nticks=9),
             yaxis=metre_axis("Northing [m]", range=[low[1], high[1]], scaleanchor="x", scaleratio=1, nticks=9),
         ),
@@ -81,6 +87,30 @@ def plan_spec(result: SessionResult, trajectory: TrajectoryResult) -> dict[str, 
         "magnify": {"label": "Ellipses and errors", "factors": steps(factor), "start": factor},
         "linked": linked,
     }
+
+
+def photo_under(photo: Orthophoto) -> dict[str, Any]:
+    """The orthophoto as a picture under the map, paler than what is drawn over it."""
+    west, south, east, north = photo.bounds_en_m
+    return {
+        "source": f"data:image/jpeg;base64,{base64.b64encode(jpeg(photo.rgba)).decode('ascii')}",
+        "xref": "x",
+        "yref": "y",
+        "x": west,
+        "y": north,
+        "sizex": east - west,
+        "sizey": north - south,
+        "sizing": "stretch",
+        "opacity": PALE_OPACITY,
+        "layer": "below",
+    }
+
+
+def jpeg(rgba: UInt8[np.ndarray, "h w 4"]) -> bytes:
+    """On white where it is transparent: a photograph as PNG would be ten times as large."""
+    opacity = rgba[..., 3:] / 255.0
+    on_white = np.round(opacity * rgba[..., 2::-1] + (1.0 - opacity) * 255.0).astype(np.uint8)
+    return cv2.imencode(".jpg", on_white, [cv2.IMWRITE_JPEG_QUALITY, 85])[1].tobytes()
 
 
 def steps(factor: int) -> list[int]:

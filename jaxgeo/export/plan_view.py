@@ -4,6 +4,7 @@ import numpy as np
 from jaxtyping import Float
 from matplotlib.axes import Axes
 
+from jaxgeo.export.basemap import PALE_OPACITY, draw_basemap
 from jaxgeo.export.figure_style import (
     COLOUR,
     MAX_LINE_VERTICES,
@@ -35,6 +36,8 @@ def plan_view(result: SessionResult, trajectory: TrajectoryResult) -> bytes:
         coarse = trajectory.coarse_trajectory.position_m[rows, :2]
         low, high = map_limits(np.concatenate([corrected[rows, :2], coarse, surveyed]))
         figure, (axes,) = map_figure(low, high, 1, np.asarray(result.frame.origin_enh_m))
+        if result.basemap is not None:
+            draw_basemap(axes, result.basemap, np.asarray(result.frame.origin_enh_m), PALE_OPACITY)
         axes.plot(*coarse.T, color=COLOUR["coarse"], linewidth=0.9, label=STAGE_LABEL["coarse"])
         axes.plot(*corrected[rows, :2].T, color=COLOUR["corrected"], linewidth=1.4, label="corrected")
         draw_ends(axes, corrected)

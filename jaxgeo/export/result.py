@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxgeo.data import Anchors, Trajectory
+from jaxgeo.io.orthophoto import Orthophoto
 
 
 @dataclasses.dataclass(frozen=True)
@@ -131,6 +132,7 @@ class SessionResult:
         config: the resolved config, JSON-ready.
         run: versions, input hashes, seeds, timings, JSON-ready.
         simulated: True where the data were simulated: every output says so.
+        basemap: the orthophoto of the site, drawn under the maps; None: there is none.
     """
 
     name: str
@@ -140,3 +142,4 @@ class SessionResult:
     config: dict[str, Any]
     run: dict[str, Any]
     simulated: bool = False
+    basemap: Orthophoto | None = None

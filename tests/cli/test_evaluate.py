@@ -79,3 +79,11 @@ def test_two_sessions_of_one_name_are_refused(config, tmp_path, capsys):
 def test_nothing_held_out_is_nothing_to_evaluate(config, tmp_path, capsys):
     assert main(["evaluate", str(config), "--out", str(tmp_path / "out")]) == 2
     assert "evaluate.leave_one_out" in capsys.readouterr().err
+
+
+def test_an_orthophoto_that_cannot_be_read_is_named(config, tmp_path, capsys):
+    photo = tmp_path / "photo.tif"
+    photo.write_bytes(b"no TIFF")
+    assert main(["evaluate", str(config), "--out", str(tmp_path / "out"), *FAST, "--set", f"basemap={photo}"]) == 2
+    assert "photo.tif" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()

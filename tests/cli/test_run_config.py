@@ -35,12 +35,12 @@ def test_writes_to_a_folder_of_the_sessions_name_and_says_where(session, capsys)
     assert main(["run", "made/config.yaml"]) == 0
     [(result, out)] = session
     assert result.simulated
-    assert out.as_posix() == "out/simulated"
+    assert out.as_posix() == "out/simulated_uav"
     printed = capsys.readouterr()
-    assert "simulated (simulated data): out/simulated/report.html" in printed.out
+    assert "simulated_uav (simulated data): out/simulated_uav/report.html" in printed.out
     assert "warning: icp: stamps are late" in printed.err
     assert "read " in printed.err
-    assert "write out/simulated" in printed.err
+    assert "write out/simulated_uav" in printed.err
 
 
 def test_quiet_prints_nothing(session, capsys):

@@ -1,8 +1,10 @@
 """What the interactive figures are given to draw: grid coordinates, errors of the right size, JSON that stays JSON."""
 
+import base64
 import dataclasses
 import json
 
+import cv2
 import numpy as np
 import pytest
 from export.synthetic_result import SURVEY_ENH_M, local_session, luref_session
@@ -16,6 +18,7 @@ from jaxgeo.export.interactive_path import POSE_COLUMNS, path_columns, shown_row
 from jaxgeo.export.interactive_plan import interactive_plan, outlines, plan_spec, text_positions
 from jaxgeo.export.interactive_profile import interactive_profile, profile_spec
 from jaxgeo.export.report import report_html
+from jaxgeo.io.orthophoto import Orthophoto
 
 
 @pytest.fixture(scope="module")
@@ -168,3 +171,19 @@ def test_figure_escapes_what_it_is_told():
 def test_page_of_ten_thousand_poses_stays_below_eight_megabytes():
     page = report_html(luref_session(n_poses=10_000))
     assert 5e6 < len(page.encode()) < 8e6
+
+
+def test_the_orthophoto_lies_under_the_map_in_grid_coordinates_on_white_where_it_knows_nothing(session, icp):
+    rgba = np.zeros((40, 60, 4), dtype=np.uint8)
+    rgba[:, :30] = (200, 30, 10, 255)
+    photo = Orthophoto(rgba, (79200.0, 76700.0, 79500.0, 76900.0))
+    spec = plan_spec(dataclasses.replace(session, basemap=photo), icp)
+    (image,) = spec["layout"]["images"]
+    assert (image["x"], image["y"], image["sizex"], image["sizey"]) == (79200.0, 76900.0, 300.0, 200.0)
+    assert (image["xref"], image["yref"], image["sizing"], image["layer"]) == ("x", "y", "stretch", "below")
+    data = base64.b64decode(image["source"].removeprefix("data:image/jpeg;base64,"))
+    shown = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)[..., ::-1].astype(int)
+    assert shown.shape == (40, 60, 3)
+    np.testing.assert_allclose(shown[20, 5], [200, 30, 10], atol=12)
+    np.testing.assert_allclose(shown[20, 55], [255, 255, 255], atol=12)
+    assert plan_spec(session, icp)["layout"]["images"] == []
