@@ -9,6 +9,9 @@ CORE := $(VENV)/.installed-core
 FULL := $(VENV)/.installed-all
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
+# Tests in as many processes as there are cores, at most four: each takes some 2 GiB.
+WORKERS := $(shell n=$$(nproc); echo $$((n < 4 ? n : 4)))
+
 .PHONY: demo test lint types unit format environment clean
 
 demo: $(CORE)
@@ -24,7 +27,7 @@ types: $(FULL)
 	$(BIN)/pyright
 
 unit: $(FULL)
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest --numprocesses $(WORKERS) --dist loadgroup
 
 format: $(FULL)
 	$(BIN)/ruff check --fix .

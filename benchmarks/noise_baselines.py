@@ -27,7 +27,7 @@ from jaxgeo.graph.components import NoiseEnsemble
 from jaxgeo.graph.noise import OdometryNoise, odometry_noise
 from jaxgeo.graph.noise_defaults import default_noise
 from jaxgeo.precision import enable_compilation_cache
-from jaxgeo.simulate import Drift, simulate_session
+from jaxgeo.simulate import Drift, Layout, simulate_session
 from jaxgeo.simulate.layout import ORDER, ORIGIN_ENH_M
 from jaxgeo.solve.correct import Settings
 
@@ -69,7 +69,7 @@ def problems_of(path: Path) -> Iterator[Problem]:
         yield Problem(label, trajectory, anchors, settings_of(config), learn)
 
 
-def simulated_problem(seed: int) -> Problem:
+def simulated_problem(seed: int, layout: Layout = LAYOUT) -> Problem:
     """A simulated session whose noise, bias included, was drawn from one that is known."""
     random = np.random.default_rng([seed, 1])
     drift = Drift(
@@ -79,7 +79,7 @@ def simulated_problem(seed: int) -> Problem:
         tuple(SIGMA_BIAS_TRANS * random.standard_normal(3)),  # type: ignore[arg-type]
         tuple(SIGMA_BIAS_ROT * random.standard_normal(3)),  # type: ignore[arg-type]
     )
-    session = simulate_session(seed, LAYOUT, drift={"odometry": drift})
+    session = simulate_session(seed, layout, drift={"odometry": drift})
     trajectory = session.trajectories["odometry"]
     visits, _ = label_visits(cut_visits(session.sightings, _GAP_S), session.survey, order=list(ORDER))
     anchors, _ = make_anchors(trajectory, session.sightings, visits, session.survey, origin_enh_m=ORIGIN_ENH_M)

@@ -29,6 +29,36 @@ hypothesis.settings.register_profile("ci", deadline=None, max_examples=25, deran
 hypothesis.settings.load_profile("ci" if os.environ.get("CI") else "default_jaxgeo")
 
 
+# Files that compile for the same shapes run in one process, one after the other: each of their programs is compiled
+# once. A file that stands nowhere here is a group of its own.
+GROUPS = {
+    "200 poses": (
+        "calibration/test_baselines.py",
+        "cli/test_evaluate.py",
+        "cli/test_learned_noise.py",
+        "cli/test_study_paper.py",
+        "eval_/test_cost.py",
+        "eval_/test_first_visits.py",
+        "eval_/test_loo.py",
+        "eval_/test_noise_baselines.py",
+        "eval_/test_oracles.py",
+        "eval_/test_subsets.py",
+    ),
+}
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    config.addinivalue_line("markers", "xdist_group(name): tests that one process runs (pytest-xdist)")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    tests = Path(__file__).parent
+    group = {tests / name: title for title, names in GROUPS.items() for name in names}
+    assert all(path.exists() for path in group)
+    for item in items:
+        item.add_marker(pytest.mark.xdist_group(group.get(item.path, str(item.path))))
+
+
 @pytest.fixture(autouse=True, scope="session")
 def _float64() -> None:
     assert_float64()

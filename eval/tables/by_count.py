@@ -4,7 +4,7 @@ import itertools
 from collections.abc import Sequence
 
 from eval.evaluation import STAGE_NAME, TrajectoryEvaluation
-from eval.reference_study import BY_COUNT
+from eval.reference_study import BY_COUNT, BY_COUNT_NOTE
 from eval.subsets import SubsetSummary, pooled_summary
 from eval.tables.columns import (
     PROVENANCE,
@@ -64,6 +64,7 @@ def by_count_table(evaluations: Sequence[TrajectoryEvaluation], beside: bool = F
     ]
     first = (
         "The sessions are pooled, as in the reference study.",
+        BY_COUNT_NOTE,
         "First visits: only each location's first visit takes part, as in the reference study, whose similarity has "
         "at most six points; all other rows have every visit in.",
     )

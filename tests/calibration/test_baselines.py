@@ -24,7 +24,8 @@ from jaxgeo.graph.chain import Chain, chain_of
 from jaxgeo.graph.components import LOG_SCALE, N_COMPONENTS, ROT, TRANS, NoiseEnsemble, ensemble_of
 from jaxgeo.graph.noise import odometry_noise
 from jaxgeo.graph.noise_defaults import default_noise
-from jaxgeo.simulate.session import ORDER, ORIGIN_ENH_M, simulate_session
+from jaxgeo.simulate import UAV, simulate_session
+from jaxgeo.simulate.layout import ORDER, ORIGIN_ENH_M
 from jaxgeo.solve.anchor_system import anchor_system, chain_linearised
 from jaxgeo.solve.correct import Settings
 from jaxgeo.solve.ensemble_fold import observe, start_of
@@ -37,7 +38,7 @@ WIDTH = jnp.asarray(3.0)
 
 @pytest.fixture(scope="module")
 def session() -> tuple[Trajectory, Anchors]:
-    simulated = simulate_session(seed=3)
+    simulated = simulate_session(3, dataclasses.replace(UAV, n_poses=200))
     visits, _ = label_visits(cut_visits(simulated.sightings, 5.0), simulated.survey, order=list(ORDER))
     trajectory = simulated.trajectories["icp"]
     anchors, _ = make_anchors(trajectory, simulated.sightings, visits, simulated.survey, origin_enh_m=ORIGIN_ENH_M)

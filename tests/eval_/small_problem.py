@@ -1,4 +1,4 @@
-"""A session of the shapes that the leave-one-out tests compile for: 1829 poses, six locations, seven visits."""
+"""A session of the shapes that many tests compile for: 200 poses, six locations, seven visits."""
 
 import dataclasses
 
@@ -11,6 +11,7 @@ from jaxgeo.graph.noise_defaults import default_noise
 from jaxgeo.solve.correct import Settings
 
 LOCATIONS = ("A", "B", "C", "D", "E", "F", "A")
+N_POSES = 200
 SHIFT_M = np.array([100.0, -70.0, 40.0])
 NOISE = default_noise("lidar")
 SETTINGS = Settings()
@@ -18,7 +19,7 @@ LEARN = LearnSettings("lidar", NOISE)
 
 
 def problem() -> tuple[Trajectory, Anchors]:
-    made = session(1829, len(LOCATIONS), lever_m=1.0, location=LOCATIONS)
+    made = session(N_POSES, len(LOCATIONS), lever_m=1.0, location=LOCATIONS)
     return made.trajectory, made.anchors
 
 
@@ -30,7 +31,7 @@ def shifted(anchors: Anchors, location: str, by_m: np.ndarray = SHIFT_M) -> Anch
 
 def three_on_a_line() -> tuple[Trajectory, Anchors]:
     """The same, but the marker of B was put on the middle of the line from C to D."""
-    made = session(1829, len(LOCATIONS), lever_m=1.0, location=LOCATIONS)
+    made = session(N_POSES, len(LOCATIONS), lever_m=1.0, location=LOCATIONS)
     _, b, c, d, *_ = range(len(LOCATIONS))
     surveyed, lever = made.anchors.surveyed_enh_m.copy(), made.anchors.lever_arm_m.copy()
     surveyed[b] = 0.5 * (surveyed[c] + surveyed[d])

@@ -20,7 +20,7 @@ from jaxgeo.graph.chain import chain_of
 from jaxgeo.graph.components import ensemble_of
 from jaxgeo.graph.noise import OdometryNoise
 from jaxgeo.graph.noise_defaults import default_noise
-from jaxgeo.simulate import Drift, SimulatedSession, simulate_session
+from jaxgeo.simulate import UAV, Drift, SimulatedSession, simulate_session
 from jaxgeo.simulate.layout import ORDER, ORIGIN_ENH_M
 from jaxgeo.solve.correct import Settings, correct
 from jaxgeo.solve.fold import Fold, solve_folds
@@ -28,7 +28,7 @@ from jaxgeo.solve.fold import Fold, solve_folds
 
 @pytest.fixture(scope="module")
 def session() -> tuple[Trajectory, Anchors]:
-    return anchored(simulate_session(seed=3))
+    return anchored(simulate_session(3, SHORT))
 
 
 def anchored(simulated: SimulatedSession) -> tuple[Trajectory, Anchors]:
@@ -40,6 +40,8 @@ def anchored(simulated: SimulatedSession) -> tuple[Trajectory, Anchors]:
 
 NOISE = default_noise("lidar")
 SETTINGS = Settings()
+# The shapes of the other tests.
+SHORT = dataclasses.replace(UAV, n_poses=200)
 
 
 def hold_out(trajectory: Trajectory, anchors: Anchors, noise: OdometryNoise = NOISE) -> LeaveOneOut:
@@ -127,7 +129,7 @@ def test_a_fold_that_is_not_determined_says_so(session):
 
 def test_predicted_covariance_is_that_of_the_error():
     assumed = Drift(sigma_trans_m_per_sqrt_m=(0.02,) * 3, sigma_rot_rad_per_sqrt_m=(0.001,) * 3)
-    trajectory, anchors = anchored(simulate_session(seed=3, drift={"icp": assumed}))
+    trajectory, anchors = anchored(simulate_session(3, SHORT, drift={"icp": assumed}))
     found = hold_out(trajectory, anchors).refined
     nees = np.einsum("ka,kab,kb->k", found.error_enh_m, np.linalg.inv(found.covariance_m2), found.error_enh_m)
     assert 0.3 < nees.mean() / 3 < 3.0  # NEES of 7 visits, mean about 1

@@ -1,5 +1,7 @@
 """Every way to the noise on one simulated session, side by side."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -7,11 +9,12 @@ from benchmarks.noise_baselines import Problem, simulated_problem
 from eval.loo import correct_and_hold_out
 from eval.noise_baselines import NoiseBaseline, noise_baselines
 from jaxgeo.graph.components import ensemble_of
+from jaxgeo.simulate import UAV
 
 
 @pytest.fixture(scope="module")
 def problem() -> Problem:
-    return simulated_problem(0)
+    return simulated_problem(0, dataclasses.replace(UAV, n_poses=200))
 
 
 @pytest.fixture(scope="module")

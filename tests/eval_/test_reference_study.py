@@ -4,7 +4,15 @@ import numpy as np
 import pytest
 
 from eval.collinearity import near_collinear, neighbours
-from eval.reference_study import BY_COUNT, CONTRAST, EFFECT, NEAR_COLLINEAR, OTHERS_FROM_LINE_M, REPEATABILITY
+from eval.reference_study import (
+    BY_COUNT,
+    BY_COUNT_NOTE,
+    CONTRAST,
+    EFFECT,
+    NEAR_COLLINEAR,
+    OTHERS_FROM_LINE_M,
+    REPEATABILITY,
+)
 from jaxgeo.simulate.layout import LOCATIONS, SURVEYED_ENH_M, UAV, UGV
 
 
@@ -39,6 +47,12 @@ def test_both_sessions_together_are_what_is_reported_by_the_number_of_anchors():
         held_out = rows[5].held_out_m
         assert held_out is not None
         assert np.mean(sessions) == pytest.approx(held_out[0], rel=0.02)
+        rms = [EFFECT[session, trajectory].loo_rms_m[0] for session in ("uav", "ugv")]
+        assert np.mean(rms) == pytest.approx(held_out[1], rel=0.02)
+        assert np.sqrt(np.mean(np.square(rms))) > 1.1 * held_out[1]
+    rms = [EFFECT[session, "icp"].loo_rms_m[0] for session in ("uav", "ugv")]
+    said = (100 * np.mean(rms), 100 * np.sqrt(np.mean(np.square(rms))))
+    assert all(f"({value:.0f} cm" in BY_COUNT_NOTE for value in said)
 
 
 def test_pooled_repeatability_is_that_of_the_visits():
