@@ -52,13 +52,14 @@ def _maps(result: SessionResult) -> list[StudyFigure]:
     survey = {name: np.asarray(place)[:2] for name, place in result.survey_enh_m.items()}
     paths = {name: t.corrected.position_m[:, :2] for name, t in result.trajectories.items()}
     origin = np.asarray(result.frame.origin_enh_m)
+    where = "grid coordinates" if result.frame.has_datum else "the site's own coordinates"
     figures = [
         StudyFigure(
             f"map_{result.name}",
             "effect",
             trajectories_map(paths, survey, origin, result.frame.crs, result.basemap, result.simulated),
             f"Corrected trajectories of {result.name}",
-            f"Session {result.name}: corrected trajectories and surveyed points in grid coordinates"
+            f"Session {result.name}: corrected trajectories and surveyed points in {where}"
             + ("." if result.basemap is not None else "; no orthophoto was given."),
         )
     ]

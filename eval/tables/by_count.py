@@ -24,6 +24,7 @@ NOTE = (
     "In-sample: the anchors that were fitted to; held out: all visits of the other locations. Noise is learned anew "
     "for every choice of anchors. Failed: choices that do not fix the frame or did not settle; they are in no mean."
 )
+FIRST_NOTE = "First visits: only each location's first visit takes part; all other rows have every visit in."
 
 
 def by_count_table(evaluations: Sequence[TrajectoryEvaluation], beside: bool = False) -> Table | None:
@@ -62,18 +63,17 @@ def by_count_table(evaluations: Sequence[TrajectoryEvaluation], beside: bool = F
         )
         for group, stage, s in found
     ]
-    first = (
-        "The sessions are pooled, as in the reference study.",
-        BY_COUNT_NOTE,
-        "First visits: only each location's first visit takes part, as in the reference study, whose similarity has "
-        "at most six points; all other rows have every visit in.",
-    )
+    said = [NOTE]
+    if any(stage == "first" for _, stage, _ in found):
+        said.append(FIRST_NOTE)
+    if beside:
+        said += ["The sessions are pooled, and first visits alone fitted, as in the reference study.", BY_COUNT_NOTE]
     return Table(
         "by_count",
         "Accuracy against the number of anchors k",
         columns,
         tuple(rows),
-        notes(evaluations, beside, NOTE, *(first if beside else ())),
+        notes(evaluations, beside, *said),
     )
 
 

@@ -56,7 +56,7 @@ def geometry_table(evaluations: Sequence[TrajectoryEvaluation], beside: bool = F
     )  # fmt: skip
     low, high = (100.0 * x for x in OTHERS_FROM_LINE_M)
     said = (f"The reference study gives {low:.0f} to {high:.0f} cm for the others.",) if beside else ()
-    note = "In space, horizontal and vertical together; from the coordinates alone: the same for every session."
+    note = "In space, horizontal and vertical together; from the coordinates alone."
     return Table(
         "geometry", "Distance of each location from the line of its two neighbours", columns, tuple(rows), (note, *said)
     )
