@@ -10,7 +10,7 @@ FULL := $(VENV)/.installed-all
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
 # Tests in as many processes as there are cores, at most four: each takes some 2 GiB.
-WORKERS := $(shell n=$$(nproc); echo $$((n < 4 ? n : 4)))
+WORKERS := $(shell n=$$(nproc 2>/dev/null || echo 2); echo $$((n < 4 ? n : 4)))
 
 .PHONY: demo test lint types unit format environment clean
 
@@ -27,7 +27,7 @@ types: $(FULL)
 	$(BIN)/pyright
 
 unit: $(FULL)
-	$(BIN)/python -m pytest --numprocesses $(WORKERS) --dist loadgroup
+	$(BIN)/python -m pytest --numprocesses $(WORKERS)
 
 format: $(FULL)
 	$(BIN)/ruff check --fix .

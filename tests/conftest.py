@@ -15,6 +15,7 @@ os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --xla_backend_opti
 import hypothesis
 import jax
 import pytest
+from xdist.scheduler import LoadScopeScheduling
 
 import jaxgeo  # noqa: F401  (float64 before any test makes an array)
 from jaxgeo.precision import assert_float64, enable_compilation_cache
@@ -29,36 +30,32 @@ hypothesis.settings.register_profile("ci", deadline=None, max_examples=25, deran
 hypothesis.settings.load_profile("ci" if os.environ.get("CI") else "default_jaxgeo")
 
 
-# Files that compile for the same shapes run in one process, one after the other: each of their programs is compiled
-# once. A file that stands nowhere here is a group of its own.
-GROUPS = {
-    "200 poses": (
-        "calibration/test_baselines.py",
-        "cli/test_evaluate.py",
-        "cli/test_learned_noise.py",
-        "cli/test_study_paper.py",
-        "eval_/test_cost.py",
-        "eval_/test_first_visits.py",
-        "eval_/test_loo.py",
-        "eval_/test_noise_baselines.py",
-        "eval_/test_oracles.py",
-        "eval_/test_subsets.py",
-    ),
-}
+# Files that compile for the same shapes: one process runs them, so that each of their programs is compiled once.
+SAME_SHAPES = (
+    "tests/calibration/test_baselines.py",
+    "tests/cli/test_evaluate.py",
+    "tests/cli/test_learned_noise.py",
+    "tests/cli/test_study_paper.py",
+    "tests/eval_/test_cost.py",
+    "tests/eval_/test_first_visits.py",
+    "tests/eval_/test_loo.py",
+    "tests/eval_/test_noise_baselines.py",
+    "tests/eval_/test_oracles.py",
+    "tests/eval_/test_subsets.py",
+)
 
 
-def pytest_configure(config: pytest.Config) -> None:
-    config.addinivalue_line("markers", "xdist_group(name): tests that one process runs (pytest-xdist)")
+class ByShapes(LoadScopeScheduling):
+    """Hands out whole files, and the files of `SAME_SHAPES` together."""
+
+    def _split_scope(self, nodeid: str) -> str:
+        file = nodeid.split("::", 1)[0]
+        return SAME_SHAPES[0] if file in SAME_SHAPES else file
 
 
-# First: xdist's own hook reads the marks.
-@pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    tests = Path(__file__).parent
-    group = {tests / name: title for title, names in GROUPS.items() for name in names}
-    assert all(path.exists() for path in group)
-    for item in items:
-        item.add_marker(pytest.mark.xdist_group(group.get(item.path, str(item.path))))
+@pytest.hookimpl(optionalhook=True)  # with -p no:xdist it is not there
+def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> ByShapes:
+    return ByShapes(config, log)
 
 
 @pytest.fixture(autouse=True, scope="session")
