@@ -9,9 +9,14 @@ import sys
 import time
 from pathlib import Path
 
+import jax
 import numpy as np
 import pytest
 
+from eval.montecarlo.batch import evaluate_sessions, on_devices, session_mesh
+from eval.montecarlo.regimes import regimes_named
+from eval.montecarlo.sessions import session_arrays, stacked
+from eval.montecarlo.settings import study_settings
 from jaxgeo.cli.main import main
 from jaxgeo.cli.montecarlo_bar import SessionBar
 
@@ -81,6 +86,20 @@ def test_killed_and_on_other_devices_the_results_are_the_same_bits(eight, tmp_pa
         assert equal, name
     for name in RESULTS:
         assert (out / name).read_bytes() == (eight / name).read_bytes(), name
+
+
+def test_side_by_side_as_on_an_accelerator_gives_the_same(eight):
+    """By `vmap` instead of one after the other: the last digits may differ, nothing else."""
+    settings = study_settings(8, 0, regimes_named("white,biased"), platform="gpu", poses=128, chunk=2, batch=2)
+    assert settings.side_by_side
+    mesh = session_mesh(jax.devices()[:1])
+    sessions = on_devices(stacked([session_arrays(settings.regime_of(i), i, settings.layout) for i in (0, 1)], 2), mesh)
+    found = jax.tree.map(np.asarray, evaluate_sessions(sessions, mesh, settings.side_by_side))
+    expected = arrays(eight)
+    assert found.good.all()
+    visits = expected["error_m"].shape[3]
+    np.testing.assert_allclose(found.error_m[:, :, :visits], expected["error_m"][0], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(found.covariance_m2[:, :, :visits], expected["covariance_m2"][0], rtol=1e-7)
 
 
 def test_a_finished_study_is_only_tabulated_again(eight, capsys):
