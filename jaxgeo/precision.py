@@ -1,4 +1,4 @@
-"""float64 everywhere, and JAX's persistent compilation cache: switched on here and nowhere else."""
+"""float64 everywhere, and what becomes of compiled programs: kept on disk, let go where they take too much."""
 
 import os
 from pathlib import Path
@@ -38,3 +38,20 @@ def enable_compilation_cache(folder: Path | None = None) -> Path:
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", 0)
     return folder
+
+
+# A compiled program takes hundreds of memory maps; Linux gives a process 65 530, and XLA crashes without a word when
+# they run out. Ten sessions of different shapes take 35 000.
+MANY_MAPS = 20_000
+
+
+def let_programs_go(most_maps: int = MANY_MAPS) -> bool:
+    """Drop compiled programs where they take too much; those that are needed again come from the cache on disk.
+
+    Call it between sessions. Returns whether it was needed; elsewhere than on Linux it never is.
+    """
+    maps = Path("/proc/self/maps")
+    if not maps.exists() or len(maps.read_text(encoding="utf-8").splitlines()) <= most_maps:
+        return False
+    jax.clear_caches()
+    return True

@@ -18,7 +18,7 @@ import pytest
 from xdist.scheduler import LoadScopeScheduling
 
 import jaxgeo  # noqa: F401  (float64 before any test makes an array)
-from jaxgeo.precision import assert_float64, enable_compilation_cache
+from jaxgeo.precision import assert_float64, enable_compilation_cache, let_programs_go
 
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 jax.config.update("jax_numpy_rank_promotion", "raise")
@@ -63,14 +63,7 @@ def _float64() -> None:
     assert_float64()
 
 
-# A compiled program takes hundreds of memory maps; Linux gives a process 65 530, and XLA crashes without a word when
-# they run out. Programs that are needed again come from the cache on disk.
-_MANY_MAPS = 20_000
-
-
 @pytest.fixture(autouse=True, scope="module")
 def _programs_let_go() -> Iterator[None]:
     yield
-    maps = Path("/proc/self/maps")
-    if maps.exists() and len(maps.read_text().splitlines()) > _MANY_MAPS:
-        jax.clear_caches()
+    let_programs_go()

@@ -33,10 +33,14 @@ def evaluate_configs(paths: Sequence[Path], out: Path | None, overrides: Sequenc
     from jaxgeo.cli.machine import device_words
     from jaxgeo.export.report import report_html
     from jaxgeo.export.session_files import write_session
+    from jaxgeo.precision import let_programs_go
 
     keep_compiled_programs()
     with Progress(quiet) as progress:
-        sessions = [evaluate_session(config, progress) for config in configs]
+        sessions = []
+        for config in configs:
+            sessions.append(evaluate_session(config, progress))
+            let_programs_go()
         progress.phase("tables and figures")
         evaluations = [e for session in sessions for e in session.evaluations]
         tables = study_tables(
