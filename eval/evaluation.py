@@ -90,6 +90,7 @@ class EvaluationInput:
 
     Attributes:
         settings, noise: of the estimator, and the fixed noise.
+        ensemble: another session's noise, where the run used that as it is in place of the fixed one.
         learn: None where the noise was not learned.
         true: the noise that the trajectory was drawn from, where it was.
         reference: in the session's local frame or, `reference_own_frame`, in one of its own; `reference_arm_m` its
@@ -101,6 +102,7 @@ class EvaluationInput:
     settings: Settings
     noise: OdometryNoise
     learn: LearnSettings | None
+    ensemble: NoiseEnsemble | None = None
     true: NoiseEnsemble | None = None
     reference: Trajectory | None = None
     reference_own_frame: bool = False
@@ -207,7 +209,10 @@ def _subsets(trajectory: Trajectory, anchors: Anchors, given: EvaluationInput) -
     if n < len(anchors):
         found["first"] = similarity_subsets(trajectory, anchors, settings, ks, visits="first", most=most)
     found["coarse"] = similarity_subsets(trajectory, anchors, settings, ks, most=most)
-    found["fixed"] = fixed_subsets(trajectory, anchors, given.noise, settings, ks, most=most)
+    if given.ensemble is None:
+        found["fixed"] = fixed_subsets(trajectory, anchors, given.noise, settings, ks, most=most)
+    else:
+        found["fixed"] = ensemble_subsets(trajectory, anchors, settings, given.ensemble, ks, most=most)
     if given.learn is not None:
         found["learned"] = learned_subsets(trajectory, anchors, settings, given.learn, ks, most=most)
     if given.true is not None:

@@ -14,8 +14,9 @@ from eval.tables.columns import (
     counts,
     length_unit_of,
     lengths,
+    noise_text,
     notes,
-    provenance,
+    provenance_of,
     shares,
 )
 from jaxgeo.export.table import Table
@@ -59,7 +60,7 @@ def by_count_table(evaluations: Sequence[TrajectoryEvaluation], beside: bool = F
             s.held_out_rms_m,
             s.coverage_95,
             *(_beside(group[1], stage, s.k) if beside else ()),
-            *provenance(groups[group][0], stage),
+            *_provenance(groups[group], stage, s),
         )
         for group, stage, s in found
     ]
@@ -95,6 +96,15 @@ def summaries(group: Sequence[TrajectoryEvaluation], stage: str) -> list[SubsetS
     by_k = [{errors.k: errors for errors in e.subsets[stage]} for e in group]
     ks = [k for k in by_k[0] if all(k in other for other in by_k)]
     return [pooled_summary([found[k] for found in by_k]) for k in ks]
+
+
+def _provenance(group: Sequence[TrajectoryEvaluation], stage: str, s: SubsetSummary) -> tuple[str, ...]:
+    """Of the choices, not of the leave-one-out: learned noise is another for each of them."""
+    noise = {"first": "none", "learned": "learned anew for every choice"}.get(stage)
+    if noise is None:
+        noise = " | ".join(dict.fromkeys(noise_text(e, stage) for e in group))
+    ended = f"{s.n_subsets - s.n_failed} converged; {s.n_failed} failed"
+    return provenance_of(group, f"those of {s.k} locations", ended, noise)
 
 
 def _beside(trajectory: str, stage: str, k: int) -> tuple[float | None, ...]:

@@ -1,6 +1,6 @@
 """How well two sessions' clouds agree, each georeferenced on its own."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from eval.clouds import CloudDistance
 from eval.evaluation import STAGE_NAME, TrajectoryEvaluation
@@ -12,8 +12,10 @@ from eval.tables.columns import (
     TRAJECTORY,
     counts,
     length_beside,
+    noise_text,
     notes,
-    provenance,
+    provenance_of,
+    results,
     shares,
 )
 from jaxgeo.export.table import Table
@@ -30,14 +32,14 @@ _BESIDE = ("dense", "fixed")
 def clouds_table(
     found: Mapping[tuple[str, str], CloudDistance],
     floor: CloudDistance,
-    first: Mapping[str, TrajectoryEvaluation],
+    sessions: Sequence[Mapping[str, TrajectoryEvaluation]],
     beside: bool = False,
 ) -> Table:
     """Rows by (trajectory, stage).
 
     Args:
         floor: the same sightings carried by the true trajectories.
-        first: the first session's evaluations by trajectory.
+        sessions: every session's evaluations by trajectory.
     """
     columns = (
         TRAJECTORY,
@@ -58,10 +60,16 @@ def clouds_table(
             trajectory,
             STAGE_NAME[stage],
             *distances(d, CLOUDS if (trajectory, stage) == _BESIDE else (None,) * 3),
-            *provenance(first[trajectory], stage),
+            *_provenance([each[trajectory] for each in sessions], stage),
         )
         for (trajectory, stage), d in found.items()
     ]
     rows.append(("(true)", "truth", *distances(floor, (None,) * 3), *(None,) * len(PROVENANCE)))
-    said = notes(list(first.values()), beside, _NOTE, _FLOOR)
+    said = notes([e for each in sessions for e in each.values()], beside, _NOTE, _FLOOR)
     return Table("clouds", "Clouds of the two sessions against each other", columns, tuple(rows), said)
+
+
+def _provenance(both: Sequence[TrajectoryEvaluation], stage: str) -> tuple[str, ...]:
+    anchors = " + ".join(str(len(e.anchors)) for e in both)
+    noise = " | ".join(dict.fromkeys(noise_text(e, stage) for e in both))
+    return provenance_of(both, anchors, results(both, stage), noise)

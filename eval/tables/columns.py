@@ -62,11 +62,24 @@ def stats_of(evaluation: TrajectoryEvaluation) -> dict[str, HeldOutStats]:
 
 
 def provenance(evaluation: TrajectoryEvaluation, stage: str) -> tuple[Any, ...]:
-    """The values of `PROVENANCE`."""
-    words = collections.Counter(evaluation.held_out[stage].result) if stage in evaluation.held_out else {}
-    result = "; ".join(f"{n} {word}" for word, n in words.items())
-    versions = " ".join(f"{name} {version}" for name, version in evaluation.versions.items())
-    return len(evaluation.anchors), result, noise_text(evaluation, stage), str(evaluation.seed), versions
+    """The values of `PROVENANCE` of a row about one trajectory's leave-one-out."""
+    anchors = str(len(evaluation.anchors))
+    return provenance_of([evaluation], anchors, results([evaluation], stage), noise_text(evaluation, stage))
+
+
+def provenance_of(
+    evaluations: Sequence[TrajectoryEvaluation], anchors: str, result: str, noise: str
+) -> tuple[str, str, str, str, str]:
+    """The same of a row about several, or about something else."""
+    seeds = "; ".join(dict.fromkeys(str(e.seed) for e in evaluations))
+    versions = " ".join(f"{name} {version}" for name, version in evaluations[0].versions.items())
+    return anchors, result, noise, seeds, versions
+
+
+def results(evaluations: Sequence[TrajectoryEvaluation], stage: str) -> str:
+    """How the folds of a stage ended, counted over visits."""
+    words = (word for e in evaluations if stage in e.held_out for word in e.held_out[stage].result)
+    return "; ".join(f"{n} {word}" for word, n in collections.Counter(words).items())
 
 
 def noise_text(evaluation: TrajectoryEvaluation, stage: str) -> str:

@@ -20,6 +20,7 @@ from eval.tables.columns import (
     lengths,
     notes,
     provenance,
+    provenance_of,
     shares,
     stats_of,
 )
@@ -103,7 +104,7 @@ def _first_row(evaluation: TrajectoryEvaluation, first: FirstVisits) -> tuple[An
         len(error_m) - len(known),
         None,
         *_beside(evaluation, "first"),
-        *provenance(evaluation, "coarse"),
+        *provenance_of([evaluation], str(len(error_m)), f"{len(known)} closed form", "none"),
     )
 
 

@@ -14,6 +14,8 @@ from eval.tables.columns import (
     notes,
     numbers,
     provenance,
+    provenance_of,
+    results,
     shares,
 )
 from eval.uncertainty import CalibrationRow, calibration_row, pooled_calibration
@@ -28,18 +30,20 @@ _NOTE = (
 
 def uncertainty_table(evaluations: Sequence[TrajectoryEvaluation]) -> Table | None:
     """A row for every trajectory and stage with a covariance, and one of all trajectories together."""
-    found: list[tuple[TrajectoryEvaluation, tuple[str, ...], str, CalibrationRow]] = []
+    found: list[tuple[tuple[str, ...], tuple[str, ...], str, CalibrationRow]] = []
     for evaluation in evaluations:
         for stage, held_out in evaluation.held_out.items():
             row = calibration_row(stage, evaluation.anchors.location, held_out)
             if row.n:
-                found.append((evaluation, (evaluation.session, evaluation.name), stage, row))
+                found.append((provenance(evaluation, stage), (evaluation.session, evaluation.name), stage, row))
     if len(evaluations) > 1:
         for stage in STAGES:
             pairs = [(e.anchors.location, e.held_out[stage]) for e in evaluations if stage in e.held_out]
             row = pooled_calibration(stage, pairs)
             if row.n and len(pairs) == len(evaluations):
-                found.append((evaluations[0], ("all", "together"), stage, row))
+                anchors = " + ".join(str(len(e.anchors)) for e in evaluations)
+                made = provenance_of(evaluations, anchors, results(evaluations, stage), "each trajectory's own")
+                found.append((made, ("all", "together"), stage, row))
     if not found:
         return None
     unit = length_unit_of(row.achieved_rms_m for *_, row in found)
@@ -67,9 +71,9 @@ def uncertainty_table(evaluations: Sequence[TrajectoryEvaluation]) -> Table | No
             row.predicted_rms_m,
             row.achieved_rms_m,
             row.achieved_over_predicted,
-            *provenance(evaluation, stage),
+            *made,
         )
-        for evaluation, place, stage, row in found
+        for made, place, stage, row in found
     )
     title = "Predicted uncertainty against held-out errors"
     return Table("uncertainty", title, columns, rows, notes(evaluations, False, _NOTE))

@@ -3,6 +3,7 @@
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from jaxgeo.cli.progress import Progress
 from jaxgeo.cli.run import keep_compiled_programs
@@ -10,6 +11,9 @@ from jaxgeo.config import load_config
 from jaxgeo.config.schema import SessionConfig
 from jaxgeo.errors import ConfigError
 from jaxgeo.io.atomic import check_output_folder, output_folder
+
+if TYPE_CHECKING:
+    from jaxgeo.export.result import SessionResult
 
 
 def evaluate_configs(paths: Sequence[Path], out: Path | None, overrides: Sequence[str], quiet: bool) -> None:
@@ -72,11 +76,16 @@ def evaluate_configs(paths: Sequence[Path], out: Path | None, overrides: Sequenc
                 )
             put_files(temporary, files | {"report.html": report})
     if not quiet:
-        for session in sessions:
-            for name, trajectory in session.result.trajectories.items():
-                for warning in trajectory.warnings:
-                    print(f"warning: {session.config.name}: {name}: {warning}", file=sys.stderr)
+        say_warnings(results)
         print(f"{out / 'report.html'}")
+
+
+def say_warnings(results: "Sequence[SessionResult]") -> None:
+    """All of them on stderr, with session and trajectory."""
+    for result in results:
+        for name, trajectory in result.trajectories.items():
+            for warning in trajectory.warnings:
+                print(f"warning: {result.name}: {name}: {warning}", file=sys.stderr)
 
 
 def distinct(configs: list[SessionConfig], paths: Sequence[Path]) -> list[SessionConfig]:

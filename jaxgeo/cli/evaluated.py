@@ -5,7 +5,7 @@ import dataclasses
 from calibration.calibrate import LearnSettings
 from eval.evaluation import EvaluationInput, TrajectoryEvaluation, evaluate_trajectory
 from jaxgeo.cli.ingest import Ingested, ingest
-from jaxgeo.cli.noise import learn_settings, noise_of, stored_noise
+from jaxgeo.cli.noise import learn_settings, noise_of, stored_ensemble, stored_noise
 from jaxgeo.cli.progress import Progress
 from jaxgeo.cli.session import local_reference, named, run_session, settings_of
 from jaxgeo.config.schema import SessionConfig
@@ -50,12 +50,17 @@ def evaluate_session(
         with named(name):
             noise = fixed[name] = noise_of(source, config)
             learn: LearnSettings | None = None
+            ensemble: NoiseEnsemble | None = None
+            stored = stored_noise(config, source)
             if config.noise.mode == "learned":
-                learn = learn_settings(config, source, noise, stored_noise(config, source))
+                learn = learn_settings(config, source, noise, stored)
+            elif stored is not None:
+                ensemble = stored_ensemble(stored)
             given = EvaluationInput(
                 settings=settings_of(config),
                 noise=noise,
                 learn=learn,
+                ensemble=ensemble,
                 true=true.get(name),
                 reference=_reference(name, config, data),
                 reference_own_frame=source.reference is not None and source.reference.frame == "own",

@@ -79,8 +79,8 @@ def study_paper(
         progress.phase("clouds")
         found, floor = cloud_distances(simulated, sessions)
         progress.phase("tables and figures")
-        first = {e.name: e for e in next(iter(sessions.values())).evaluations}
-        files = paper_files(sessions, clouds_table(found, floor, first, beside=True), seed)
+        by_name = [{e.name: e for e in s.evaluations} for s in sessions.values()]
+        files = paper_files(sessions, clouds_table(found, floor, by_name, beside=True), seed)
         run = {
             "simulated": True,
             "seed": seed,
