@@ -30,6 +30,10 @@ class SightingError(InputError):
     """Sightings, rig or visits are unusable or do not fit the trajectory or the survey."""
 
 
+class DetectError(InputError):
+    """Images, or what is said about the markers in them, are unusable."""
+
+
 class EstimationError(JaxgeoError):
     """The estimate is not determined by the data, or did not converge."""
 

@@ -17,7 +17,7 @@ LAYERS = (
     {"errors", "precision", "data"},
     {"geometry"},
     {"io", "associate", "georef", "graph"},
-    {"solve"},
+    {"solve", "detect"},
     {"export", "simulate", "config"},
     {"cli"},
 )
@@ -27,12 +27,12 @@ RANK = {part: rank for rank, parts in enumerate(LAYERS) for part in parts}
 ADAPTERS: dict[str, set[str]] = {
     "torch": set(),
     "kornia": set(),
-    "kornia_rs": set(),
+    "kornia_rs": {"jaxgeo/detect/kornia_quads.py"},
     "open3d": set(),
     "laspy": set(),
     "kiss_icp": set(),
     "small_gicp": set(),
-    "rosbags": set(),
+    "rosbags": {"jaxgeo/io/frames/bag.py"},
     "rerun": set(),
     "rasterio": {"jaxgeo/io/orthophoto.py"},
 }

@@ -1,0 +1,170 @@
+"""Corners from every edge of a decoded marker: where black cells meet white ones, inside and all round.
+
+The four sides alone are at the mercy of what lies behind the marker, and blur draws each of them towards the next edge
+inside. Once the code is known so are some eighty short edges of both directions and both signs: a homography fitted to
+all of them averages the surroundings and most of the blur out, and their scatter tells how well it is known.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Num
+
+from jaxgeo.detect.edges import Corners
+from jaxgeo.detect.reading import remap, unit_homographies
+
+_ROUNDS = 2
+# Profiles reach this part of a cell to both sides: the next edge may be a cell away.
+_REACH_CELLS = 0.6
+_REACH_PX = (1.0, 4.0)
+_STEPS = 13
+# Along an edge its middle part is averaged.
+_ALONG = (0.2, 0.8)
+_MOST_ALONG = 5
+# An edge further off than this many times the median one counts half.
+_OUTLIER = 2.0
+# What scatter does not show: sampling, sharpening, a print or a board that is not flat.
+FLOOR_PX = 0.02
+
+
+class CellEdges(NamedTuple):
+    """Edges between a black and a white cell, in the marker's unit square.
+
+    Attributes:
+        middle: (e, 2); along: (e, 2) half the edge; outward: (e, 2) half a cell from black towards white.
+    """
+
+    middle: Float[np.ndarray, "e 2"]
+    along: Float[np.ndarray, "e 2"]
+    outward: Float[np.ndarray, "e 2"]
+
+
+def cell_edges(white: Bool[np.ndarray, "r r"]) -> CellEdges:
+    """Of a code as `white_cells` gives it: all edges between cells, the ring outside only against the border."""
+    cell = 1.0 / (len(white) - 2)
+    middle, along, outward = [], [], []
+    for axis in (0, 1):  # edges between rows, between columns
+        first, second = (white[:-1], white[1:]) if axis == 0 else (white[:, :-1], white[:, 1:])
+        row, column = np.nonzero(first != second)
+        sign = np.where(second[row, column], 1.0, -1.0)
+        half = np.array([0.5, 0.0])
+        at = np.stack([column, row], axis=1) - 1.0  # of the first cell's upper left, in cells
+        middle.append(at + (np.array([0.5, 1.0]) if axis == 0 else np.array([1.0, 0.5])))
+        along.append(np.broadcast_to(half if axis == 0 else half[::-1], at.shape))
+        outward.append(sign[:, None] * (half[::-1] if axis == 0 else half))
+    return CellEdges(*(cell * np.concatenate(part) for part in (middle, along, outward)))
+
+
+def refine_with_code(
+    image: Num[np.ndarray, "h w"], quad_px: Float[np.ndarray, "4 2"], white: Bool[np.ndarray, "r r"]
+) -> Corners:
+    """Corners of one decoded marker from all its edges (q = 1).
+
+    Each edge gives one number: how far the gradient's centre of mass lies off. The homography is fitted by Gauss-Newton
+    with Cauchy weights; its covariance is scatter^2 (J^T W J)^-1 of one observation an edge, so that what neighbouring
+    pixels of an edge share does not count twice.
+
+    Args:
+        image: bytes or float32; black is dark.
+        quad_px: corners clockwise as seen, to half a cell.
+        white: the cells in the frame of that quad.
+    """
+    edges = cell_edges(white)
+    start = np.asarray(quad_px, dtype=np.float64)
+    cell_px = np.linalg.norm(np.roll(start, -1, axis=0) - start, axis=1).min() / (len(white) - 2)
+    quad, ok = start, len(edges.middle) > 12
+    covariance = np.eye(8)
+    for _ in range(_ROUNDS if ok else 0):
+        homography = unit_homographies(quad[None])[0]
+        homography = homography / homography[2, 2]
+        offset, strength, by_entries = _observe(image, homography, edges, cell_px)
+        # Light that spills over, ink that spreads and blur in narrow lines move all edges one way: a ninth unknown.
+        unknowns = np.concatenate([by_entries, np.ones((len(offset), 1))], axis=1)
+        step, entries_covariance = (part[..., :8] for part in _solve(offset, strength, unknowns))
+        entries_covariance = entries_covariance[:8]
+        corner = _by_entries(homography, _UNIT)[1].reshape(8, 8)
+        moved = quad + (corner @ step).reshape(4, 2)
+        covariance = corner @ entries_covariance @ corner.T + FLOOR_PX**2 * np.eye(8)
+        ok = bool(np.all(np.isfinite(moved)) and np.abs(moved - start).max() < 0.7 * cell_px + 0.5)
+        if not ok:
+            break
+        quad = moved
+    if not ok:
+        return Corners(start[None], np.eye(8)[None], np.array([False]))
+    return Corners(quad[None], covariance[None], np.array([True]))
+
+
+_UNIT = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+
+
+def _by_entries(
+    homography: Float[np.ndarray, "3 3"], at: Float[np.ndarray, "k 2"]
+) -> tuple[Float[np.ndarray, "k 2"], Float[np.ndarray, "k 2 8"]]:
+    """Mapped points, and their derivative by the first eight entries (the ninth is 1)."""
+    u, v = at.T
+    x, y, w = homography @ np.stack([u, v, np.ones_like(u)])
+    x, y = x / w, y / w
+    derivative = np.zeros((len(at), 2, 8))
+    derivative[:, 0, 0], derivative[:, 0, 1], derivative[:, 0, 2] = u / w, v / w, 1.0 / w
+    derivative[:, 1, 3:6] = derivative[:, 0, :3]
+    derivative[:, 0, 6], derivative[:, 0, 7] = -x * u / w, -x * v / w
+    derivative[:, 1, 6], derivative[:, 1, 7] = -y * u / w, -y * v / w
+    return np.stack([x, y], axis=1), derivative
+
+
+def _observe(
+    image: Num[np.ndarray, "h w"], homography: Float[np.ndarray, "3 3"], edges: CellEdges, cell_px: float
+) -> tuple[Float[np.ndarray, "e"], Float[np.ndarray, "e"], Float[np.ndarray, "e 8"]]:
+    """Offset of each edge across itself (pixels), its strength, and the derivative by the homography's entries."""
+    middle, derivative = _by_entries(homography, edges.middle)
+    linear = derivative @ _entries_by_point(homography)
+    tangent = np.einsum("eij,ej->ei", linear, edges.along)
+    normal = np.stack([-tangent[:, 1], tangent[:, 0]], axis=1)
+    normal /= np.maximum(np.sqrt((normal**2).sum(axis=1, keepdims=True)), 1e-9)
+    facing = np.einsum("ei,eij,ej->e", normal, linear, edges.outward)
+    normal *= np.where(facing < 0.0, -1.0, 1.0)[:, None]
+    reach = min(max(_REACH_CELLS * cell_px, _REACH_PX[0]), _REACH_PX[1])
+    depth = np.linspace(-reach, reach, _STEPS)
+    count = int(min(max(round(cell_px * (_ALONG[1] - _ALONG[0])), 2), _MOST_ALONG))
+    along = 2.0 * np.linspace(*_ALONG, count) - 1.0
+    at = middle[:, None] + along[:, None] * tangent[:, None]
+    points = at[:, :, None] + depth[:, None] * normal[:, None, None]
+    levels = remap(image, points.reshape(1, -1, 2).astype(np.float32)).reshape(points.shape[:-1])
+    profile = levels.mean(axis=1, dtype=np.float64)
+    rise = np.maximum(profile[:, 1:] - profile[:, :-1], 0.0) ** 2
+    strength = rise.sum(axis=1)
+    offset = rise @ ((depth[1:] + depth[:-1]) / 2) / np.maximum(strength, 1e-9)
+    return offset, np.sqrt(strength), np.einsum("ei,eik->ek", normal, derivative)
+
+
+def _entries_by_point(homography: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "8 2"]:
+    """Moving the point by (du, dv) moves its image as these changes of the entries do: H (p + d) = (H + dH) p."""
+    change = np.zeros((3, 3, 2))
+    change[:, 2] = homography[:, :2]
+    # The ninth entry stays 1: the whole is divided by 1 + its change.
+    change -= homography[:, :, None] * change[2, 2]
+    return change.reshape(9, 2)[:8]
+
+
+def _solve(
+    offset: Float[np.ndarray, "e"], strength: Float[np.ndarray, "e"], design: Float[np.ndarray, "e k"]
+) -> tuple[Float[np.ndarray, "k"], Float[np.ndarray, "k k"]]:
+    """Robust weighted step of the unknowns, and its covariance."""
+    scale = np.maximum(np.sqrt((design**2).sum(axis=0)), 1e-12)
+    unit = design / scale
+    base = np.minimum(strength / max(np.median(strength), 1e-9), 1.0)
+    weight = base
+    residual = offset
+    for _ in range(3):
+        normal_matrix = (unit * weight[:, None]).T @ unit + 1e-9 * np.eye(len(scale))
+        inverse = np.linalg.inv(normal_matrix)
+        step = inverse @ (unit.T @ (weight * offset))
+        residual = offset - unit @ step
+        spread = 1.4826 * np.median(np.abs(residual)) + 1e-3
+        robust = 1.0 / (1.0 + (residual / (_OUTLIER * spread)) ** 2)
+        weight = base * robust
+    freedom = max(weight.sum() - len(scale), 1.0)
+    scatter = (weight * residual**2).sum() / freedom
+    middle = (unit * weight[:, None] ** 2).T @ unit
+    covariance = scatter * inverse @ middle @ inverse
+    return step / scale, covariance / scale[:, None] / scale
