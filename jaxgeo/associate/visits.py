@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from jaxgeo.data import Sightings, Visit
+from jaxgeo.data import CornerSightings, Sightings, Visit
 from jaxgeo.errors import SightingError
 
 
-def cut_visits(sightings: Sightings, gap_s: float, min_count: int = 1) -> list[Visit]:
+def cut_visits(sightings: Sightings | CornerSightings, gap_s: float, min_count: int = 1) -> list[Visit]:
     """Runs of sightings of one marker with no gap longer than `gap_s`, in order of their start.
 
     Sightings without an id count as sightings of one moved marker. All cameras of the rig share a visit. Runs of fewer
@@ -33,6 +33,6 @@ def cut_visits(sightings: Sightings, gap_s: float, min_count: int = 1) -> list[V
     return sorted(visits, key=lambda visit: (visit.start_s, visit.marker))
 
 
-def _visit(marker: str, rows: np.ndarray, sightings: Sightings) -> Visit:
+def _visit(marker: str, rows: np.ndarray, sightings: Sightings | CornerSightings) -> Visit:
     first, last = sightings.stamp_s[rows[[0, -1]]]
     return Visit(marker=marker, sightings=rows, start_s=float(first), end_s=float(last))

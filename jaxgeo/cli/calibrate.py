@@ -40,7 +40,7 @@ def calibrate_config(path: Path, out: Path | None, overrides: Sequence[str], qui
 
     keep_compiled_programs()
     with Progress(quiet) as progress:
-        noise, growth, warnings = learn_session(config, progress)
+        noise, growth, warnings = learn_session(config, progress, out)
         progress.phase("write", str(out))
         learned = {name: stages["learned"] for name, stages in noise.items()}
         page = calibration_html(config.name, learned, growth, warnings, simulated=config.simulated)
@@ -58,7 +58,7 @@ def calibrate_config(path: Path, out: Path | None, overrides: Sequence[str], qui
 
 
 def learn_session(
-    config: SessionConfig, progress: Progress
+    config: SessionConfig, progress: Progress, out: Path | None = None
 ) -> tuple[dict[str, dict[str, Any]], dict[str, DriftGrowth], tuple[str, ...]]:
     """Noise by trajectory and stage, as in noise.json; predicted and observed drift; warnings.
 
@@ -75,7 +75,7 @@ def learn_session(
     from jaxgeo.solve.correct import correct
 
     progress.phase("read", config.name)
-    data = ingest(config)
+    data = ingest(config, progress, out)
     noise: dict[str, dict[str, Any]] = {}
     growth: dict[str, DriftGrowth] = {}
     warnings: list[str] = []

@@ -43,7 +43,8 @@ def evaluate_configs(paths: Sequence[Path], out: Path | None, overrides: Sequenc
     with Progress(quiet) as progress:
         sessions = []
         for config in configs:
-            sessions.append(evaluate_session(config, progress))
+            own = out if len(configs) == 1 else out / config.name
+            sessions.append(evaluate_session(config, progress, out=own))
             let_programs_go()
         progress.phase("tables and figures")
         evaluations = [e for session in sessions for e in session.evaluations]

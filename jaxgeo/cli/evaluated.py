@@ -1,6 +1,7 @@
 """One session run and evaluated: what `jaxgeo evaluate` and `jaxgeo study paper` both do to a config."""
 
 import dataclasses
+from pathlib import Path
 
 from calibration.calibrate import LearnSettings
 from eval.evaluation import EvaluationInput, TrajectoryEvaluation, evaluate_trajectory
@@ -31,11 +32,13 @@ def evaluate_session(
     progress: Progress,
     *,
     true: dict[str, NoiseEnsemble] | None = None,
+    out: Path | None = None,
 ) -> EvaluatedSession:
     """Run one session, then hold out, repeat and compare each of its trajectories.
 
     Args:
         true: noise that simulated trajectories were drawn from, by name.
+        out: the session's folder, where what was detected in images is kept; default out/NAME.
 
     Raises:
         InputError: bad input.
@@ -43,7 +46,7 @@ def evaluate_session(
     """
     true = true or {}
     progress.phase("read", config.name)
-    data = ingest(config)
+    data = ingest(config, progress, out)
     result = run_session(config, progress, data)
     evaluations, fixed = [], {}
     for name, source in config.trajectories.items():

@@ -16,6 +16,8 @@ from jaxgeo.associate import (
     sightings_from_trajectory,
     survey_from_trajectory,
 )
+from jaxgeo.cli.progress import Progress
+from jaxgeo.config.images import ImagesSightingsInput
 from jaxgeo.config.inputs import (
     ControlPointSightingsInput,
     CornerSightingsInput,
@@ -39,6 +41,8 @@ from jaxgeo.io import (
 )
 from jaxgeo.io.orthophoto import Orthophoto
 
+# The folder of a session's outputs that keeps what was detected in its images.
+DETECTIONS = "detections"
 # How far beyond the surveyed points an orthophoto is read, in the site's size: trajectories go there.
 BASEMAP_REACH = 0.3
 
@@ -58,13 +62,17 @@ class Ingested:
     basemap: Orthophoto | None = None
 
 
-def ingest(config: SessionConfig) -> Ingested:
-    """Read everything that the config names.
+def ingest(config: SessionConfig, progress: Progress | None = None, out: Path | None = None) -> Ingested:
+    """Read everything that the config names; sightings of kind `images` are detected first.
+
+    Args:
+        progress: where detecting shows how far it is.
+        out: the session's output folder, default out/NAME: what was detected is kept in its folder `detections`.
 
     Raises:
         InputError: whatever is wrong, with its place.
     """
-    reader = _Reader()
+    reader = _Reader(progress or Progress(quiet=True), (out or Path("out") / config.name) / DETECTIONS)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", InputWarning)
         survey, sightings, said = _survey_and_sightings(config, reader)
@@ -122,10 +130,12 @@ def file_hashes(files: tuple[Path, ...]) -> dict[str, str]:
 
 
 class _Reader:
-    """Reads files and remembers which."""
+    """Reads files and remembers which; detects in images, and keeps what it found."""
 
-    def __init__(self) -> None:
+    def __init__(self, progress: Progress, detections: Path) -> None:
         self.files: dict[Path, None] = {}
+        self.progress = progress
+        self.detections = detections
 
     def trajectory(self, source: TrajectoryFile) -> Trajectory:
         self.seen(source.file)
@@ -167,6 +177,15 @@ def _survey_and_sightings(config: SessionConfig, reader: _Reader) -> tuple[Surve
                 corners, _rig(config, reader), source.marker_size_m, source.pixel_sigma_px
             )
             return survey, sightings, said
+        case ImagesSightingsInput():
+            # Only here: cameras and masks are of no concern to sessions without images.
+            from jaxgeo.cli.detected import detected_in_images
+
+            rig = _rig(config, reader)
+            seen = detected_in_images(source, rig, source.marker_size_m, reader.detections, reader.progress)
+            reader.seen(seen.files[0])  # stands for the images in the hashes of inputs
+            assert seen.found.sightings is not None  # rig and size are required keys
+            return survey, seen.found.sightings, seen.found.warnings
         case PoseSightingsInput():
             in_body = source.frame == "body"
             sightings = read_pose_sightings(
@@ -219,6 +238,7 @@ def _survey_places(config: SessionConfig, survey: Survey) -> list[str]:
     """Where each location comes from, for messages."""
     source = config.survey
     if source is None:
+        assert isinstance(config.sightings, ControlPointSightingsInput)  # the only kind without a survey
         at = str(config.sightings.file)
     elif source.from_trajectory is not None:
         at = str(source.from_trajectory.file)

@@ -57,6 +57,64 @@ def run(
 
 
 @app.command()
+def detect(
+    source: Annotated[
+        Path,
+        typer.Argument(
+            help="A session's config (YAML) with sightings of kind images; or images: a folder, a video, a ROS bag."
+        ),
+    ],
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for the outputs; with a config default out/NAME/detections.")
+    ] = None,
+    family: Annotated[
+        list[str] | None, typer.Option(help="Family of markers, may be repeated; default apriltag_36h11.")
+    ] = None,
+    hsv: Annotated[
+        str | None,
+        typer.Option(
+            metavar="H,S,V,H,S,V", help="Look inside this colour range only (iMarkers), or: green, red, blue."
+        ),
+    ] = None,
+    polarity: Annotated[
+        str | None,
+        typer.Option(help="What has the colour: marker (the dark cells), ground (the light ones) or auto."),
+    ] = None,
+    rig: Annotated[Path | None, typer.Option(help="The cameras (YAML): needed for poses.")] = None,
+    size: Annotated[float | None, typer.Option(metavar="M", help="Side of the markers: needed for poses.")] = None,
+    stamps: Annotated[Path | None, typer.Option(help="Table of stamps and files of a folder's images.")] = None,
+    rate: Annotated[float | None, typer.Option(metavar="HZ", help="Images a second, where none has a stamp.")] = None,
+    start: Annotated[float | None, typer.Option(metavar="S", help="Stamp of the first image.")] = None,
+    camera: Annotated[str | None, typer.Option(help="The rig's camera that took the images.")] = None,
+    topic: Annotated[list[str] | None, typer.Option(metavar="TOPIC=CAMERA", help="Of a bag; may be repeated.")] = None,
+    workers: Annotated[int | None, typer.Option(min=1, max=256, help="Processes that detect.")] = None,
+    overlays: Annotated[str | None, typer.Option(help="Pictures of detections, at most; or all. Default 12.")] = None,
+    set_: Annotated[
+        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Replace one value of the config.")
+    ] = None,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Print errors only.")] = False,
+) -> None:
+    """Find markers in images: corners, poses, pictures. Killed and started again, it goes on where it was."""
+    from jaxgeo.cli.detect import DetectOptions, detect_images
+
+    options = DetectOptions(
+        family=family or (),
+        hsv=hsv,
+        polarity=polarity,
+        rig=rig,
+        size_m=size,
+        stamps=stamps,
+        rate_hz=rate,
+        start_s=start,
+        camera=camera,
+        topic=topic or (),
+        workers=workers,
+        overlays=overlays,
+    )
+    detect_images(source, out, options, set_ or [], quiet)
+
+
+@app.command()
 def calibrate(
     config: Annotated[Path, typer.Argument(help="The session's config (YAML).")],
     out: Annotated[Path | None, typer.Option(help="Folder for the outputs; default out/NAME.")] = None,

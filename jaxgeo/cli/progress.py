@@ -7,6 +7,8 @@ from types import TracebackType
 from rich.console import Console
 from rich.status import Status
 
+from jaxgeo.cli.count_bar import CountBar
+
 
 class Progress:
     """Phases one after another, on stderr: a spinner on a terminal, plain lines elsewhere, nothing when quiet.
@@ -28,6 +30,15 @@ class Progress:
         if self._console.is_terminal:
             self._status = self._console.status(self._running)
             self._status.start()
+
+    def count(self, what: str, total: int | None, there: int = 0) -> CountBar:
+        """A bar in the place of the phase's spinner: `what` is counted, `there` of `total` are done already."""
+        self._stop_spinner()
+        return CountBar(self._console, what, total, there)
+
+    def say(self, text: str) -> None:
+        """One line; nothing when quiet."""
+        self._console.print(text, markup=False)
 
     def __enter__(self) -> "Progress":
         return self

@@ -29,7 +29,7 @@ def run_config(path: Path, out: Path | None, overrides: Sequence[str], quiet: bo
 
     keep_compiled_programs()
     with Progress(quiet) as progress:
-        result = run_session(config, progress)
+        result = run_session(config, progress, out=out)
         progress.phase("write", str(out))
         write_session(result, out)
     if not quiet:

@@ -6,6 +6,7 @@ import platform
 import time
 from collections.abc import Iterator
 from importlib.metadata import version
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -45,8 +46,10 @@ from jaxgeo.solve.ensemble_correct import EnsembleCorrection
 _VERSIONS = ("jax", "jaxlib", "optimistix", "lineax", "equinox", "numpy", "scipy", "opencv-python-headless", "pyproj")
 
 
-def run_session(config: SessionConfig, progress: Progress, data: Ingested | None = None) -> SessionResult:
-    """Run one session; `data` is what `ingest` made of this config, where it is known already.
+def run_session(
+    config: SessionConfig, progress: Progress, data: Ingested | None = None, out: Path | None = None
+) -> SessionResult:
+    """Run one session; `data` is what `ingest` made of this config, where it is known already, `out` its folder.
 
     Raises:
         InputError: bad input.
@@ -55,7 +58,7 @@ def run_session(config: SessionConfig, progress: Progress, data: Ingested | None
     started = time.perf_counter()
     if data is None:
         progress.phase("read", config.name)
-        data = ingest(config)
+        data = ingest(config, progress, out)
     read_s = time.perf_counter() - started
     trajectories: dict[str, TrajectoryResult] = {}
     for name, source in config.trajectories.items():

@@ -76,6 +76,10 @@ def _per_axis(value: Any) -> Any:
     return tuple(value)
 
 
+def _marker_sizes(value: Any) -> Any:
+    return value if isinstance(value, dict) else {"default": value}
+
+
 def _input_file(value: Any, info: Info) -> Path:
     """Expand `${JAXGEO_DATA}`; resolve against the config's folder, `info.context["folder"]`, where there is one."""
     if isinstance(value, Path):
@@ -104,3 +108,4 @@ NonNegative = Annotated[float, Field(ge=0)]
 Vector = Annotated[tuple[float, float, float], BeforeValidator(_three)]
 PositivePerAxis = Annotated[tuple[Positive, Positive, Positive], BeforeValidator(_per_axis)]
 NonNegativePerAxis = Annotated[tuple[NonNegative, NonNegative, NonNegative], BeforeValidator(_per_axis)]
+MarkerSizes = Annotated[dict[str, Positive], BeforeValidator(_marker_sizes)]

@@ -2,11 +2,12 @@
 
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import Field, model_validator
 
 from jaxgeo.config.fields import (
     Columns,
     InputFile,
+    MarkerSizes,
     Name,
     NonNegative,
     NonNegativePerAxis,
@@ -15,6 +16,7 @@ from jaxgeo.config.fields import (
     Section,
     Vector,
 )
+from jaxgeo.config.images import ImagesSightingsInput
 
 Delimiter = Literal[",", ";", "\t", " "]
 Format = Literal["tum", "kitti", "euroc", "g2o"]
@@ -156,10 +158,6 @@ class RigInput(Section):
         return self
 
 
-def _marker_sizes(value: Any) -> Any:
-    return value if isinstance(value, dict) else {"default": value}
-
-
 class CornerSightingsInput(Section):
     """Marker corners in pixels; needs a rig.
 
@@ -175,9 +173,7 @@ class CornerSightingsInput(Section):
     columns: Columns | None = None
     camera_names: dict[str, Name] = Field(default={})
     camera: Name | None = None
-    marker_size_m: Annotated[dict[str, Positive], BeforeValidator(_marker_sizes)] = Field(
-        description="the side of the markers, one number or {default: .., id: ..}"
-    )
+    marker_size_m: MarkerSizes = Field(description="the side of the markers, one number or {default: .., id: ..}")
     pixel_sigma_px: Positive = 1.0
 
     @model_validator(mode="after")
@@ -240,4 +236,10 @@ class FromTrajectorySightingsInput(TrajectoryFile):
     sigma_m: Positive = 0.01
 
 
-SightingsInput = CornerSightingsInput | PoseSightingsInput | ControlPointSightingsInput | FromTrajectorySightingsInput
+SightingsInput = (
+    CornerSightingsInput
+    | PoseSightingsInput
+    | ImagesSightingsInput
+    | ControlPointSightingsInput
+    | FromTrajectorySightingsInput
+)

@@ -11,7 +11,7 @@ from jaxgeo.config.schema import SessionConfig
 from jaxgeo.errors import ConfigError
 from jaxgeo.io.yaml_text import dump_yaml, parse_yaml
 
-_SIGHTING_KINDS = ("corners", "poses", "control_points", "from_trajectory")
+_SIGHTING_KINDS = ("corners", "poses", "images", "control_points", "from_trajectory")
 
 
 def load_config(path: Path | str, overrides: Sequence[str] = ()) -> SessionConfig:
@@ -44,7 +44,7 @@ def load_config(path: Path | str, overrides: Sequence[str] = ()) -> SessionConfi
     try:
         return SessionConfig.model_validate(data, context={"folder": path.parent.absolute()})
     except ValidationError as error:
-        raise ConfigError(f"{path}: {_message(error)}") from None
+        raise ConfigError(f"{path}: {described(error)}") from None
 
 
 def dump_config(config: SessionConfig) -> str:
@@ -71,7 +71,7 @@ def _set(data: dict[str, Any], override: str) -> None:
     data[keys[-1]] = value
 
 
-def _message(error: ValidationError) -> str:
+def described(error: ValidationError) -> str:
     """The first thing wrong, and how many more there are."""
     first, *more = error.errors(include_url=False)
     message = _describe(first)

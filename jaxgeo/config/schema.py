@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, model_validator
 
 from jaxgeo.config.fields import FileName, InputFile, Name, NonNegative, Positive, Section, Vector, nearest
+from jaxgeo.config.images import ImagesSightingsInput
 from jaxgeo.config.inputs import (
     ControlPointSightingsInput,
     CornerSightingsInput,
@@ -183,6 +184,8 @@ class SessionConfig(Section):
         match self.sightings:
             case CornerSightingsInput() if self.rig is None:
                 raise ValueError("sightings of kind 'corners' are pixels and need a camera: give 'rig'")
+            case ImagesSightingsInput() if self.rig is None:
+                raise ValueError("sightings of kind 'images' are pixels and need a camera: give 'rig'")
             case PoseSightingsInput(frame=frame) if frame != "body" and self.rig is None:
                 raise ValueError(f"sightings.frame is {frame!r}, a camera: give 'rig', or 'frame: body'")
         return self

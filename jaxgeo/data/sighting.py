@@ -15,6 +15,7 @@ class CornerSightings(eqx.Module):
         corners_px: (n, 4, 2) raw (distorted) pixels, in the marker-frame order
             (-s/2,-s/2), (s/2,-s/2), (s/2,s/2), (-s/2,s/2).
         source: where row i came from, for messages: "file:line".
+        covariance_px2: (n, 8, 8) of the corner coordinates (u0, v0, u1, v1, ..); None where not known.
     """
 
     stamp_s: Float[np.ndarray, "n"]
@@ -22,6 +23,7 @@ class CornerSightings(eqx.Module):
     marker: np.ndarray
     corners_px: Float[np.ndarray, "n 4 2"]
     source: np.ndarray
+    covariance_px2: Float[np.ndarray, "n 8 8"] | None = None
 
     def __len__(self) -> int:
         return self.stamp_s.shape[0]

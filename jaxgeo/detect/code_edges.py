@@ -10,10 +10,12 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Num
 
+from jaxgeo.data import Camera
 from jaxgeo.detect.edges import Corners
+from jaxgeo.detect.lens import bent, flattened
 from jaxgeo.detect.reading import remap, unit_homographies
 
-_ROUNDS = 2
+_MOST_ROUNDS, _SETTLED_PX = 4, 0.15
 # Profiles reach this part of a cell to both sides: the next edge may be a cell away.
 _REACH_CELLS = 0.6
 _REACH_PX = (1.0, 4.0)
@@ -23,6 +25,9 @@ _ALONG = (0.2, 0.8)
 _MOST_ALONG = 5
 # An edge further off than this many times the median one counts half.
 _OUTLIER = 2.0
+# Edges within three spreads (or this) of the fit; a fit with fewer of them has caught on something else.
+_AGREE_PX = 0.5
+_LEAST_SHARE = 0.6
 # What scatter does not show: sampling, sharpening, a print or a board that is not flat.
 FLOOR_PX = 0.02
 
@@ -56,7 +61,10 @@ def cell_edges(white: Bool[np.ndarray, "r r"]) -> CellEdges:
 
 
 def refine_with_code(
-    image: Num[np.ndarray, "h w"], quad_px: Float[np.ndarray, "4 2"], white: Bool[np.ndarray, "r r"]
+    image: Num[np.ndarray, "h w"],
+    quad_px: Float[np.ndarray, "4 2"],
+    white: Bool[np.ndarray, "r r"],
+    camera: Camera | None = None,
 ) -> Corners:
     """Corners of one decoded marker from all its edges (q = 1).
 
@@ -68,30 +76,35 @@ def refine_with_code(
         image: bytes or float32; black is dark.
         quad_px: corners clockwise as seen, to half a cell.
         white: the cells in the frame of that quad.
+        camera: whose lens bends the marker's edges; None: straight ones.
     """
     edges = cell_edges(white)
     start = np.asarray(quad_px, dtype=np.float64)
+    unchanged = Corners(start[None], np.eye(8)[None], np.array([False]))
     cell_px = np.linalg.norm(np.roll(start, -1, axis=0) - start, axis=1).min() / (len(white) - 2)
-    quad, ok = start, len(edges.middle) > 12
-    covariance = np.eye(8)
-    for _ in range(_ROUNDS if ok else 0):
-        homography = unit_homographies(quad[None])[0]
+    farthest = 0.7 * cell_px + 0.5
+    flat, reached = flattened(start, camera)
+    if len(edges.middle) <= 12 or not np.all(reached):
+        return unchanged
+    begun = flat
+    for _ in range(_MOST_ROUNDS):
+        homography = unit_homographies(flat[None])[0]
         homography = homography / homography[2, 2]
-        offset, strength, by_entries = _observe(image, homography, edges, cell_px)
-        # Light that spills over, ink that spreads and blur in narrow lines move all edges one way: a ninth unknown.
-        unknowns = np.concatenate([by_entries, np.ones((len(offset), 1))], axis=1)
-        step, entries_covariance = (part[..., :8] for part in _solve(offset, strength, unknowns))
-        entries_covariance = entries_covariance[:8]
+        observed = _observe(image, homography, edges, cell_px, camera)
+        step, covariance, share = _solve(*observed)
         corner = _by_entries(homography, _UNIT)[1].reshape(8, 8)
-        moved = quad + (corner @ step).reshape(4, 2)
-        covariance = corner @ entries_covariance @ corner.T + FLOOR_PX**2 * np.eye(8)
-        ok = bool(np.all(np.isfinite(moved)) and np.abs(moved - start).max() < 0.7 * cell_px + 0.5)
-        if not ok:
+        change = (corner @ step[:8]).reshape(4, 2)
+        flat = flat + change
+        if not (np.all(np.isfinite(flat)) and np.abs(flat - begun).max() < farthest):
+            return unchanged
+        if np.abs(change).max() < _SETTLED_PX:
             break
-        quad = moved
-    if not ok:
-        return Corners(start[None], np.eye(8)[None], np.array([False]))
-    return Corners(quad[None], covariance[None], np.array([True]))
+    if share < _LEAST_SHARE:
+        return unchanged
+    corners, by_flat = bent(flat, camera)
+    through = (by_flat @ corner.reshape(4, 2, 8)).reshape(8, 8)
+    covariance = through @ covariance[:8, :8] @ through.T + FLOOR_PX**2 * np.eye(8)
+    return Corners(corners[None], covariance[None], np.array([True]))
 
 
 _UNIT = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
@@ -113,10 +126,18 @@ def _by_entries(
 
 
 def _observe(
-    image: Num[np.ndarray, "h w"], homography: Float[np.ndarray, "3 3"], edges: CellEdges, cell_px: float
-) -> tuple[Float[np.ndarray, "e"], Float[np.ndarray, "e"], Float[np.ndarray, "e 8"]]:
-    """Offset of each edge across itself (pixels), its strength, and the derivative by the homography's entries."""
-    middle, derivative = _by_entries(homography, edges.middle)
+    image: Num[np.ndarray, "h w"],
+    homography: Float[np.ndarray, "3 3"],
+    edges: CellEdges,
+    cell_px: float,
+    camera: Camera | None,
+) -> tuple[Float[np.ndarray, "e"], Float[np.ndarray, "e"], Float[np.ndarray, "e 9"]]:
+    """Offset of each edge across itself (pixels), its strength, and the derivative by the unknowns: the homography's
+    entries, and one shift of all edges towards white (light that spills over, ink that spreads, blur in narrow lines).
+    """
+    flat, derivative = _by_entries(homography, edges.middle)
+    middle, by_flat = bent(flat, camera)
+    derivative = by_flat @ derivative
     linear = derivative @ _entries_by_point(homography)
     tangent = np.einsum("eij,ej->ei", linear, edges.along)
     normal = np.stack([-tangent[:, 1], tangent[:, 0]], axis=1)
@@ -134,7 +155,8 @@ def _observe(
     rise = np.maximum(profile[:, 1:] - profile[:, :-1], 0.0) ** 2
     strength = rise.sum(axis=1)
     offset = rise @ ((depth[1:] + depth[:-1]) / 2) / np.maximum(strength, 1e-9)
-    return offset, np.sqrt(strength), np.einsum("ei,eik->ek", normal, derivative)
+    by_entries = np.einsum("ei,eik->ek", normal, derivative)
+    return offset, np.sqrt(strength), np.concatenate([by_entries, np.ones((len(offset), 1))], axis=1)
 
 
 def _entries_by_point(homography: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "8 2"]:
@@ -148,8 +170,8 @@ def _entries_by_point(homography: Float[np.ndarray, "3 3"]) -> Float[np.ndarray,
 
 def _solve(
     offset: Float[np.ndarray, "e"], strength: Float[np.ndarray, "e"], design: Float[np.ndarray, "e k"]
-) -> tuple[Float[np.ndarray, "k"], Float[np.ndarray, "k k"]]:
-    """Robust weighted step of the unknowns, and its covariance."""
+) -> tuple[Float[np.ndarray, "k"], Float[np.ndarray, "k k"], float]:
+    """Robust weighted step of the unknowns, its covariance, and the share of edges that lie where they should."""
     scale = np.maximum(np.sqrt((design**2).sum(axis=0)), 1e-12)
     unit = design / scale
     base = np.minimum(strength / max(np.median(strength), 1e-9), 1.0)
@@ -167,4 +189,5 @@ def _solve(
     scatter = (weight * residual**2).sum() / freedom
     middle = (unit * weight[:, None] ** 2).T @ unit
     covariance = scatter * inverse @ middle @ inverse
-    return step / scale, covariance / scale[:, None] / scale
+    agreeing = np.mean(np.abs(residual) < max(3.0 * spread, _AGREE_PX))
+    return step / scale, covariance / scale[:, None] / scale, float(agreeing)

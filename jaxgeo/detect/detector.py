@@ -10,6 +10,7 @@ import jax
 import numpy as np
 from jaxtyping import Float, Num, UInt8
 
+from jaxgeo.data import Camera
 from jaxgeo.detect.channel import marker_channel, white_cells
 from jaxgeo.detect.code_edges import refine_with_code
 from jaxgeo.detect.detection import Detections, no_detections
@@ -17,6 +18,7 @@ from jaxgeo.detect.edges import Corners, refine_corners
 from jaxgeo.detect.families import Family, family, family_name
 from jaxgeo.detect.gates import Gates, refusals
 from jaxgeo.detect.kornia_quads import KorniaQuads
+from jaxgeo.detect.lens import of_crop
 from jaxgeo.detect.mask import MaskSettings, soft_mask
 from jaxgeo.detect.quads import OpenCVQuads, mask_quads
 from jaxgeo.detect.reading import covariance_in_print_order, in_print_order, read_codes, rings, sample_cells
@@ -82,24 +84,27 @@ class Detector:
         if settings.decoder != "opencv":
             self._finders.append(KorniaQuads(settings.families))
 
-    def __call__(self, image: UInt8[np.ndarray, "h w ..."]) -> Detections:
+    def __call__(self, image: UInt8[np.ndarray, "h w ..."], camera: Camera | None = None) -> Detections:
         """Markers in one image: BGR (h, w, 3) or gray (h, w), bytes.
+
+        With the camera known, the bend that its lens gives to long edges is no error of the corners.
 
         Raises:
             DetectError: an image of another kind; a gray one where a mask is to find colour.
         """
         _check(image, self.settings)
-        found = list(self._printed(image) if self.settings.mask is None else self._masked(image, self.settings.mask))
+        mask = self.settings.mask
+        found = list(self._printed(image, camera) if mask is None else self._masked(image, mask, camera))
         return distinct(found) if found else no_detections()
 
-    def _printed(self, image: UInt8[np.ndarray, "h w ..."]) -> Iterator[Detections]:
+    def _printed(self, image: UInt8[np.ndarray, "h w ..."], camera: Camera | None) -> Iterator[Detections]:
         gray = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
-        quads, found = self._whole(gray)
+        quads, found = self._whole(gray, of_crop(camera, 0, 0))
         yield from found
         known = np.concatenate([one.corners_px for one in found]) if found else np.zeros((0, 4, 2))
         for x0, y0, x1, y1 in failed_places(quads, known, gray.shape):
             crop = cv2.resize(gray[y0:y1, x0:x1], None, fx=ENLARGED, fy=ENLARGED, interpolation=cv2.INTER_CUBIC)
-            for one in self._whole(crop, ENLARGED)[1]:
+            for one in self._whole(crop, of_crop(camera, x0, y0, ENLARGED), ENLARGED)[1]:
                 yield dataclasses.replace(
                     one,
                     corners_px=from_enlarged(one.corners_px, x0, y0),
@@ -107,19 +112,21 @@ class Detector:
                 )
 
     def _whole(
-        self, gray: UInt8[np.ndarray, "h w"], enlarged: int = 1
+        self, gray: UInt8[np.ndarray, "h w"], lens: Camera | None, enlarged: int = 1
     ) -> tuple[Float[np.ndarray, "q 4 2"], list[Detections]]:
         """All candidate outlines of an image, and what they read as: better corners first."""
         quads = np.concatenate([find(gray) for find in self._finders])
         found = []
         for group in self._groups if len(quads) else ():
             refined = refine_corners(gray, quads, group[0].cells, rounds=2)
-            found.append(self._read(gray, refined.corners_px, group, enlarged))
+            found.append(self._read(gray, refined.corners_px, group, lens, enlarged))
             # Where blur and neighbours lead the sides astray, the thresholded outline may still read.
-            found.append(self._read(gray, quads, group, enlarged))
+            found.append(self._read(gray, quads, group, lens, enlarged))
         return quads, found
 
-    def _masked(self, bgr: UInt8[np.ndarray, "h w 3"], mask: MaskSettings) -> Iterator[Detections]:
+    def _masked(
+        self, bgr: UInt8[np.ndarray, "h w 3"], mask: MaskSettings, camera: Camera | None
+    ) -> Iterator[Detections]:
         for x0, y0, x1, y1 in find_regions(bgr, mask):
             crop = bgr[y0:y1, x0:x1]
             inside = soft_mask(crop, mask.hsv)
@@ -130,7 +137,7 @@ class Detector:
                 found = [
                     _moved(one, x0, y0)
                     for group in (self._groups if len(quads) else ())
-                    for one in self._in_colour(crop, reflector, quads, group)
+                    for one in self._in_colour(crop, reflector, quads, group, of_crop(camera, x0, y0))
                 ]
                 yield from found
                 if found:
@@ -142,6 +149,7 @@ class Detector:
         reflector: UInt8[np.ndarray, "h w"],
         quads: Float[np.ndarray, "q 4 2"],
         group: Sequence[Family],
+        lens: Camera | None,
     ) -> Iterator[Detections]:
         """Read codes in the colour that parts each marker's border best from its surroundings.
 
@@ -160,7 +168,7 @@ class Detector:
                 continue
             white = white_cells(int(one.codes[reading.marker[0], reading.quarter_turns[0]]), n)
             channel = marker_channel(crop, corners[0], white, ~white)
-            found = self._read(channel, corners, [one])
+            found = self._read(channel, corners, [one], lens)
             if len(found):
                 yield found
 
@@ -169,6 +177,7 @@ class Detector:
         gray: Num[np.ndarray, "h w"],
         outlines_px: Float[np.ndarray, "q 4 2"],
         group: Sequence[Family],
+        lens: Camera | None,
         enlarged: int = 1,
     ) -> Detections:
         """What passes the gates, its corners refined with all edges of its code."""
@@ -183,7 +192,7 @@ class Detector:
         marker, turns = readings.marker[rows], readings.quarter_turns[rows]
         codes = [f.codes[m, t] for f, m, t in zip(chosen, marker, turns, strict=True)]
         refined = [
-            _refined(gray, outlines_px[row], white_cells(int(code), f.cells))
+            _refined(gray, outlines_px[row], white_cells(int(code), f.cells), lens)
             for row, code, f in zip(rows, codes, chosen, strict=True)
         ]
         corners = np.stack([one.corners_px[0] for one in refined])
@@ -198,10 +207,12 @@ class Detector:
         )
 
 
-def _refined(gray: Num[np.ndarray, "h w"], outline_px: Float[np.ndarray, "4 2"], white: np.ndarray) -> Corners:
+def _refined(
+    gray: Num[np.ndarray, "h w"], outline_px: Float[np.ndarray, "4 2"], white: np.ndarray, lens: Camera | None
+) -> Corners:
     """By all edges of the code; else by the sides; else as found, with what a thresholded corner is worth."""
     for refined in (
-        refine_with_code(gray, outline_px, white),
+        refine_with_code(gray, outline_px, white, lens),
         refine_corners(gray, outline_px[None], len(white) - 4, rounds=2),
     ):
         if refined.ok[0]:

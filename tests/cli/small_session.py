@@ -90,7 +90,7 @@ def write_small_session(folder: Path) -> None:
     """Write every input and every config into `folder`."""
     marker_m = dict(zip(LOCATIONS, SURVEYED_NEH_M[:, [1, 0, 2]] - ORIGIN_ENH_M, strict=True))
     stamp_s = np.arange(N_POSES) / RATE_HZ
-    truth = _true_poses(stamp_s, np.array([marker_m[name] for name in ORDER]))
+    truth = true_poses(stamp_s, np.array([marker_m[name] for name in ORDER]))
     to_grid = RigidTransform.from_translation(ORIGIN_ENH_M) * truth
     odometry = _trajectory(stamp_s, _drifted(truth))
     write_tum(folder / "truth.tum", _trajectory(stamp_s, to_grid))
@@ -104,7 +104,7 @@ def write_small_session(folder: Path) -> None:
         (folder / f"{name}.yaml").write_text(text)
 
 
-def _true_poses(stamp_s: np.ndarray, visited_m: np.ndarray) -> RigidTransform:
+def true_poses(stamp_s: np.ndarray, visited_m: np.ndarray) -> RigidTransform:
     """Standing nearly still before each marker in turn, looking at it; a straight way to the next."""
     yaw = 0.7 * np.arange(len(visited_m))
     stand_m = visited_m - AHEAD_M * np.column_stack([np.cos(yaw), np.sin(yaw), 0 * yaw])

@@ -18,7 +18,7 @@ def session(monkeypatch, tmp_path):
     assert main(["simulate", "--out", "made"]) == 0
     calls = []
 
-    def run_session(config, progress):
+    def run_session(config, progress, out):
         progress.phase("read")
         if config.seed == 13:
             raise UndeterminedError("the anchors lie on a line")
