@@ -4,6 +4,8 @@ Every function also says which of its points the model holds for. A distortion p
 view: beyond the radius where it turns back, two directions share one pixel and the answer means nothing.
 """
 
+import functools
+
 import cv2
 import numpy as np
 from jaxtyping import Bool, Float
@@ -93,20 +95,22 @@ def max_radius(camera: Camera) -> float:
     Radtan: r(1 + k1 r^2 + k2 r^4 + k3 r^6); equidistant: a(1 + k1 a^2 + k2 a^4 + k3 a^6 + k4 a^8) of the angle a.
     The limit is the first positive root of the derivative (tangential terms are left out).
     """
+    return _max_radius(camera.distortion_model, tuple(camera.distortion.tolist()))
+
+
+@functools.lru_cache(maxsize=256)
+def _max_radius(model: str, distortion: tuple[float, ...]) -> float:
     cap = float(np.tan(_MAX_ANGLE_RAD))
-    if camera.distortion_model == "none":
+    if model == "none":
         return cap
-    if camera.distortion_model == "equidistant":
-        radial = camera.distortion
-    else:
-        radial = np.concatenate([camera.distortion[:2], camera.distortion[4:]])
+    radial = np.array(distortion if model == "equidistant" else [*distortion[:2], *distortion[4:]])
     derivative = np.concatenate([[1.0], radial * np.arange(3, 3 + 2 * len(radial), 2)])
     roots = np.polynomial.polynomial.polyroots(np.trim_zeros(derivative, "b"))  # in the square of the variable
     turning = roots.real[(np.abs(roots.imag) < 1e-9) & (roots.real > 0.0)]
     if turning.size == 0:
         return cap
     first = float(np.sqrt(turning.min()))
-    if camera.distortion_model == "equidistant":
+    if model == "equidistant":
         return float(np.tan(min(first, _MAX_ANGLE_RAD)))
     return min(first, cap)
 

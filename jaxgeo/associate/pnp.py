@@ -12,6 +12,7 @@ from jaxgeo.errors import SightingError
 # Eight pixel coordinates less six unknowns: the RMS residual expected of a right solution is sigma * sqrt(2 / 8).
 _EXPECTED_RMS = 0.5
 _MAX_STEPS = 30
+_SETTLED_PX, _SETTLED_SIGMAS = 1e-7, 1e-4
 _IMAGE_ROOM = 0.05  # of the image size
 
 
@@ -28,7 +29,8 @@ def corners_to_sightings(
 
     Both planar solutions (IPPE) are refined on the distorted pixels and the one with the smaller error is kept.
     The covariance is pixel_sigma^2 (J^T J)^-1 of the reprojection Jacobian J: random corner noise only, local to the
-    kept solution.
+    kept solution. Where the corners carry a covariance C of their own, r^T C^-1 r is minimised instead and the
+    covariance is (J^T C^-1 J)^-1; everything below said in pixel sigmas is then in standard deviations of C.
 
     Args:
         marker_size_m: side length, one for all, or by marker id with an optional entry "default".
@@ -53,7 +55,11 @@ def corners_to_sightings(
     rotation, translation = np.full((n, 3, 3), np.nan), np.full((n, 3), np.nan)
     covariance = np.full((n, 6, 6), np.nan)
     rms = np.full((n, 2), np.nan)
+    reprojection_px = np.full(n, np.nan)
     in_range = np.zeros(n, dtype=bool)
+    whiten = _whitening(corners, pixel_sigma_px)
+    # What residuals are in: pixels, or standard deviations where corners carry a covariance.
+    unit = pixel_sigma_px if whiten is None else 1.0
     for name in np.unique(corners.camera):
         rows = np.flatnonzero(corners.camera == name)
         camera = rig.cameras[str(name)]
@@ -61,24 +67,27 @@ def corners_to_sightings(
         in_range[rows] = reached.reshape(-1, 4).all(axis=1) & _in_image(corners.corners_px[rows], camera)
         rows, normalised = rows[in_range[rows]], normalised.reshape(-1, 4, 2)[in_range[rows]]
         if rows.size:
-            R_cam, t_cam, rms[rows], information = _solve(normalised, corners.corners_px[rows], size_m[rows], camera)
+            white = None if whiten is None else whiten[rows]
+            R_cam, t_cam, rms[rows], reprojection_px[rows], information = _solve(
+                normalised, corners.corners_px[rows], size_m[rows], camera, white
+            )
             R_body_cam = Rotation.from_quat(camera.quat_body_cam_wxyz, scalar_first=True).as_matrix()
             rotation[rows] = R_body_cam @ R_cam
             translation[rows] = t_cam @ R_body_cam.T + camera.t_body_cam_m
             axes = np.kron(np.eye(2), R_body_cam)
-            covariance[rows] = pixel_sigma_px**2 * axes @ _invert(information) @ axes.T
+            covariance[rows] = unit**2 * axes @ _invert(information) @ axes.T
     solved = np.isfinite(rms[:, 0]) & np.all(np.isfinite(covariance), axis=(1, 2))
-    kept = solved & (rms[:, 0] <= worst_fit * pixel_sigma_px)
+    kept = solved & (rms[:, 0] <= worst_fit * unit)
     warnings = _refusals(
         corners,
         {
             "have corners outside the image or the range of the camera's distortion model": ~in_range,
             "have corners that no marker in front of the camera explains (degenerate or behind it)": in_range & ~solved,
-            f"fit a square worse than {worst_fit:g} times pixel_sigma_px = {pixel_sigma_px:g} px": solved & ~kept,
+            f"fit a square worse than {worst_fit:g} times {_unit_words(whiten, pixel_sigma_px)}": solved & ~kept,
         },
     )
     second = np.where(np.isnan(rms[:, 1]), np.inf, rms[:, 1])
-    ambiguous = second < ambiguity_ratio * np.maximum(rms[:, 0], _EXPECTED_RMS * pixel_sigma_px)
+    ambiguous = second < ambiguity_ratio * np.maximum(rms[:, 0], _EXPECTED_RMS * unit)
     quaternion = np.full((n, 4), np.nan)
     quaternion[kept] = Rotation.from_matrix(rotation[kept]).as_quat(scalar_first=True)
     sightings = Sightings(
@@ -88,10 +97,30 @@ def corners_to_sightings(
         quat_body_marker_wxyz=quaternion,
         covariance=covariance,
         ambiguous=ambiguous,
-        reprojection_px=rms[:, 0],
+        reprojection_px=reprojection_px,
         source=corners.source,
     )
     return sightings.take(np.flatnonzero(kept)), warnings
+
+
+def _whitening(corners: CornerSightings, pixel_sigma_px: float) -> Float[np.ndarray, "n 8 8"] | None:
+    """W with W^T W = C^-1 for each sighting (pixel_sigma where it has no covariance); None where none has one."""
+    if corners.covariance_px2 is None:
+        return None
+    known = np.all(np.isfinite(corners.covariance_px2), axis=(1, 2))
+    covariance = np.where(known[:, None, None], corners.covariance_px2, pixel_sigma_px**2 * np.eye(8))
+    try:
+        return np.linalg.inv(np.linalg.cholesky(covariance))
+    except np.linalg.LinAlgError:
+        bad = int(np.argmin(np.linalg.eigvalsh(covariance)[:, 0]))
+        raise SightingError(
+            f"{corners.source[bad]}: the covariance of its corners is not positive definite; expected (8, 8), pixels "
+            "squared."
+        ) from None
+
+
+def _unit_words(whiten: Float[np.ndarray, "n 8 8"] | None, pixel_sigma_px: float) -> str:
+    return f"pixel_sigma_px = {pixel_sigma_px:g} px" if whiten is None else "the corners' own standard deviations"
 
 
 def _sizes(corners: CornerSightings, marker_size_m: float | dict[str, float]) -> Float[np.ndarray, "n"]:
@@ -158,8 +187,16 @@ def _solve(
     pixels: Float[np.ndarray, "n 4 2"],
     size_m: Float[np.ndarray, "n"],
     camera: Camera,
-) -> tuple[Float[np.ndarray, "n 3 3"], Float[np.ndarray, "n 3"], Float[np.ndarray, "n 2"], Float[np.ndarray, "n 6 6"]]:
-    """Best pose of each marker in the camera, RMS errors of both solutions (best first), and J^T J of the best.
+    whiten: Float[np.ndarray, "n 8 8"] | None,
+) -> tuple[
+    Float[np.ndarray, "n 3 3"],
+    Float[np.ndarray, "n 3"],
+    Float[np.ndarray, "n 2"],
+    Float[np.ndarray, "n"],
+    Float[np.ndarray, "n 6 6"],
+]:
+    """Best pose of each marker in the camera, RMS residuals of both solutions (best first), the best one's RMS in
+    pixels, and its J^T J.
 
     A solution behind the camera has RMS NaN; a row whose both solutions are behind it is NaN throughout.
     """
@@ -167,11 +204,17 @@ def _solve(
     rotations, translations = square_poses(normalised, size_m)
     corners_m = np.repeat(size_m, 2)[:, None, None] * np.column_stack([UNIT_CORNERS, np.zeros(4)])
     R, t = rotations.reshape(-1, 3, 3), translations.reshape(-1, 3)
-    R, t, error, information = refine(R, t, corners_m, np.repeat(pixels, 2, axis=0), camera)
+    twice = None if whiten is None else np.repeat(whiten, 2, axis=0)
+    R, t, error, information = refine(R, t, corners_m, np.repeat(pixels, 2, axis=0), camera, twice)
     rms = np.sqrt(error / 8.0).reshape(n, 2)
     order = np.argsort(rms, axis=1)  # NaN goes last
     best = 2 * np.arange(n) + order[:, 0]
-    return R[best], t[best], np.take_along_axis(rms, order, axis=1), information[best]
+    rms = np.take_along_axis(rms, order, axis=1)
+    rms_px = rms[:, 0]
+    if whiten is not None:
+        residual_px = _linearise(R[best], t[best], corners_m[best], pixels, camera)[0]
+        rms_px = np.where(np.isnan(rms[:, 0]), np.nan, np.sqrt(np.mean(residual_px**2, axis=1)))
+    return R[best], t[best], rms, rms_px, information[best]
 
 
 def refine(
@@ -180,16 +223,21 @@ def refine(
     corners_m: Float[np.ndarray, "n 4 3"],
     pixels: Float[np.ndarray, "n 4 2"],
     camera: Camera,
+    whiten: Float[np.ndarray, "n 8 8"] | None = None,
 ) -> tuple[Float[np.ndarray, "n 3 3"], Float[np.ndarray, "n 3"], Float[np.ndarray, "n"], Float[np.ndarray, "n 6 6"]]:
     """Levenberg-Marquardt on the distorted pixels, every marker with its own damping.
 
-    Returns rotations, translations, squared pixel errors and J^T J at the end (tangent: translation added, rotation on
+    Args:
+        whiten: multiplied to every residual and its derivative; None: residuals in pixels.
+
+    Returns rotations, translations, squared residuals and J^T J at the end (tangent: translation added, rotation on
     the left, camera axes). A start that is not in front of the camera comes back with error NaN.
     """
-    residual, jacobian, ok = _linearise(R, t, corners_m, pixels, camera)
+    residual, jacobian, ok = _whitened(R, t, corners_m, pixels, camera, whiten)
     error = np.where(ok, np.sum(residual**2, axis=1), np.nan)
     information = np.swapaxes(jacobian, 1, 2) @ jacobian
     damping = np.full(len(R), 1e-3)
+    settled = _SETTLED_PX if whiten is None else _SETTLED_SIGMAS
     active = np.flatnonzero(ok)
     R, t = R.copy(), t.copy()
     for _ in range(_MAX_STEPS):
@@ -207,7 +255,8 @@ def refine(
         step = -np.linalg.solve(damped, gradient[:, :, None])[:, :, 0]
         R_new = Rotation.from_rotvec(step[:, 3:]).as_matrix() @ R[active]
         t_new = t[active] + step[:, :3]
-        new_residual, new_jacobian, new_ok = _linearise(R_new, t_new, corners_m[active], pixels[active], camera)
+        white = None if whiten is None else whiten[active]
+        new_residual, new_jacobian, new_ok = _whitened(R_new, t_new, corners_m[active], pixels[active], camera, white)
         new_error = np.sum(new_residual**2, axis=1)
         better = new_ok & (new_error <= error[active])
         won = active[better]
@@ -215,10 +264,24 @@ def refine(
         residual[won], jacobian[won] = new_residual[better], new_jacobian[better]
         information[won] = np.swapaxes(jacobian[won], 1, 2) @ jacobian[won]
         damping[active] = np.where(better, damping[active] / 10.0, damping[active] * 10.0)
-        # A step that moves no corner by 1e-7 px ends it; so does a damping that no longer lets anything move.
+        # A step that moves no corner by this ends it; so does a damping that no longer lets anything move.
         predicted = np.linalg.norm(np.einsum("nij,nj->ni", new_jacobian, step), axis=1)
-        active = active[(predicted > 1e-7) & (damping[active] < 1e8)]
+        active = active[(predicted > settled) & (damping[active] < 1e8)]
     return R, t, error, information
+
+
+def _whitened(
+    R: Float[np.ndarray, "n 3 3"],
+    t: Float[np.ndarray, "n 3"],
+    corners_m: Float[np.ndarray, "n 4 3"],
+    pixels: Float[np.ndarray, "n 4 2"],
+    camera: Camera,
+    whiten: Float[np.ndarray, "n 8 8"] | None,
+) -> tuple[Float[np.ndarray, "n 8"], Float[np.ndarray, "n 8 6"], Bool[np.ndarray, "n"]]:
+    residual, jacobian, ok = _linearise(R, t, corners_m, pixels, camera)
+    if whiten is None:
+        return residual, jacobian, ok
+    return (whiten @ residual[..., None])[..., 0], whiten @ jacobian, ok
 
 
 def _linearise(

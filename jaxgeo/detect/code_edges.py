@@ -28,8 +28,11 @@ _OUTLIER = 2.0
 # Edges within three spreads (or this) of the fit; a fit with fewer of them has caught on something else.
 _AGREE_PX = 0.5
 _LEAST_SHARE = 0.6
-# What scatter does not show: sampling, sharpening, a print or a board that is not flat.
-FLOOR_PX = 0.02
+# What scatter does not show: sampling, sharpening, a print that is not flat; and, in markers whose cells are a few
+# pixels wide, blur that draws neighbouring edges towards each other, which falls with the square of the width (fitted
+# to simulated images of 20 to 200 px: errors squared over covariance came out half too large below 30 px without it).
+FLOOR_PX = 0.016
+NARROW_PX3 = 0.4
 
 
 class CellEdges(NamedTuple):
@@ -103,7 +106,7 @@ def refine_with_code(
         return unchanged
     corners, by_flat = bent(flat, camera)
     through = (by_flat @ corner.reshape(4, 2, 8)).reshape(8, 8)
-    covariance = through @ covariance[:8, :8] @ through.T + FLOOR_PX**2 * np.eye(8)
+    covariance = through @ covariance[:8, :8] @ through.T + (FLOOR_PX**2 + (NARROW_PX3 / cell_px**2) ** 2) * np.eye(8)
     return Corners(corners[None], covariance[None], np.array([True]))
 
 
