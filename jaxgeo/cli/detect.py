@@ -29,6 +29,7 @@ class DetectOptions:
     """What the command line says in place of a config; None or empty: not said."""
 
     family: Sequence[str] = ()
+    decoder: str | None = None
     hsv: str | None = None
     polarity: str | None = None
     rig: Path | None = None
@@ -158,6 +159,8 @@ def _from_options(path: Path, options: DetectOptions) -> ImagesSightingsInput:
     values["marker_size_m"] = 1.0 if options.size_m is None else options.size_m
     if options.family:
         values["families"] = list(options.family)
+    if options.decoder is not None:
+        values["decoder"] = options.decoder
     if options.hsv is not None or options.polarity is not None:
         mask: dict[str, Any] = {} if options.hsv is None else {"hsv": _hsv(options.hsv)}
         values["mask"] = mask | ({} if options.polarity is None else {"polarity": options.polarity})

@@ -23,7 +23,7 @@ import jaxgeo.detect
 from jaxgeo.cli.detection_record import DetectionRecord, FrameRecord
 from jaxgeo.cli.progress import Progress
 from jaxgeo.config.images import GatesInput, ImageSourceInput, ImagesSightingsInput, MaskInput
-from jaxgeo.data import Rig
+from jaxgeo.data import Camera, Rig
 from jaxgeo.detect.detection import Detections
 from jaxgeo.detect.detector import Detector, DetectorSettings
 from jaxgeo.detect.gates import Gates
@@ -46,7 +46,9 @@ class DetectionJob:
     workers: int = 1
 
 
-def detector_settings(families: list[str], mask: MaskInput | None, gates: GatesInput) -> DetectorSettings:
+def detector_settings(
+    families: list[str], mask: MaskInput | None, gates: GatesInput, decoder: str = "opencv"
+) -> DetectorSettings:
     """Settings of the detector as a config or a command line gives them.
 
     Raises:
@@ -55,7 +57,7 @@ def detector_settings(families: list[str], mask: MaskInput | None, gates: GatesI
     limits = gates.model_dump(exclude_none=True)
     if "ids" in limits:
         limits["ids"] = frozenset(limits["ids"])
-    return DetectorSettings(families=tuple(families), mask=_mask(mask), gates=Gates(**limits))
+    return DetectorSettings(families=tuple(families), mask=_mask(mask), gates=Gates(**limits), decoder=decoder)
 
 
 def _mask(mask: MaskInput | None) -> MaskSettings | None:
@@ -69,7 +71,7 @@ def _mask(mask: MaskInput | None) -> MaskSettings | None:
 
 def job_of(source: ImagesSightingsInput, rig: Rig | None) -> DetectionJob:
     """The job that a config's sightings of kind `images` describe."""
-    settings = detector_settings(source.families, source.mask, source.gates)
+    settings = detector_settings(source.families, source.mask, source.gates, source.decoder)
     return DetectionJob(source.source, settings, rig, source.workers)
 
 
@@ -156,12 +158,16 @@ def job_key(job: DetectionJob, folder: Path) -> str:
     facts = {
         "settings": settings_values(job.settings),
         "source": job.source.model_dump(mode="json", exclude={"path", "stamps"}),
-        "cameras": [] if job.rig is None else list(job.rig.cameras),
+        "cameras": {} if job.rig is None else {name: _lens(camera) for name, camera in job.rig.cameras.items()},
         "files": [_identity(path) for path in _files(job.source, folder.resolve())],
         "code": _code_hash(),
         "opencv": version("opencv-python-headless"),
     }
     return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()
+
+
+def _lens(camera: Camera) -> tuple[str, list[float], list[float]]:
+    return camera.distortion_model, camera.intrinsics_px.tolist(), camera.distortion.tolist()
 
 
 @functools.cache
@@ -199,13 +205,13 @@ def _identity(path: Path) -> tuple[str, int, int]:
 def _detected(job: DetectionJob, frames: Iterator[Frame]) -> Iterator[FrameRecord]:
     checked = (_checked(frame, job.rig) for frame in frames)
     if job.workers == 1:
-        look = _Looker(job.settings)
+        look = _Looker(job.settings, job.rig)
         for frame in checked:
-            yield _record(frame, *look(frame.image))
+            yield _record(frame, *look(frame.image, frame.camera))
         return
     # Fresh processes: a fork would copy the threads' locks of whatever runs here.
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(job.workers, context, _start_worker, (job.settings,)) as pool:
+    with ProcessPoolExecutor(job.workers, context, _start_worker, (job.settings, job.rig)) as pool:
         try:
             yield from _in_order(pool, checked, job.workers * (1 + _AHEAD))
         except BrokenProcessPool:
@@ -221,7 +227,9 @@ def _in_order(pool: ProcessPoolExecutor, frames: Iterable[Frame], most: int) -> 
     """At most so many images are held at a time."""
     waiting: collections.deque[tuple[Frame, Future]] = collections.deque()
     for frame in frames:
-        waiting.append((dataclasses.replace(frame, image=frame.image[:0]), pool.submit(_work, frame.image)))
+        waiting.append(
+            (dataclasses.replace(frame, image=frame.image[:0]), pool.submit(_work, frame.image, frame.camera))
+        )
         if len(waiting) >= most:
             first, result = waiting.popleft()
             yield _record(first, *result.result())
@@ -236,27 +244,28 @@ def _record(frame: Frame, found: Detections, refused: dict[str, int]) -> FrameRe
 class _Looker:
     """A detector that tells of each image what it refused."""
 
-    def __init__(self, settings: DetectorSettings):
+    def __init__(self, settings: DetectorSettings, rig: Rig | None):
         self._detector = Detector(settings)
+        self._cameras = {} if rig is None else rig.cameras
 
-    def __call__(self, image: UInt8[np.ndarray, "h w ..."]) -> tuple[Detections, dict[str, int]]:
+    def __call__(self, image: UInt8[np.ndarray, "h w ..."], camera: str) -> tuple[Detections, dict[str, int]]:
         before = Counter(self._detector.refused)
-        found = self._detector(image)
+        found = self._detector(image, self._cameras.get(camera))
         return found, dict(sorted((self._detector.refused - before).items()))
 
 
 _worker: _Looker | None = None
 
 
-def _start_worker(settings: DetectorSettings) -> None:
+def _start_worker(settings: DetectorSettings, rig: Rig | None) -> None:
     global _worker
     cv2.setNumThreads(1)  # the processes share the cores already
-    _worker = _Looker(settings)
+    _worker = _Looker(settings, rig)
 
 
-def _work(image: UInt8[np.ndarray, "h w ..."]) -> tuple[Detections, dict[str, int]]:
+def _work(image: UInt8[np.ndarray, "h w ..."], camera: str) -> tuple[Detections, dict[str, int]]:
     assert _worker is not None
-    return _worker(image)
+    return _worker(image, camera)
 
 
 def _checked(frame: Frame, rig: Rig | None) -> Frame:

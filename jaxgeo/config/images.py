@@ -117,6 +117,8 @@ class ImagesSightingsInput(Section):
         marker_size_m: side by marker id, `default` for all others; one number for all. With several families an id is
             written `family:id`.
         families: OpenCV's names of dictionaries in lower case.
+        decoder: what finds the candidates of printed markers: opencv; kornia (AprilTags only, faster, misses more small
+            ones); both.
         mask: of markers that their colour isolates (iMarkers); none for printed markers.
         time_offset_s: added to the images' stamps.
         workers: processes that detect.
@@ -127,6 +129,7 @@ class ImagesSightingsInput(Section):
     source: ImageSourceInput = Field(description="where the images come from: {kind: folder, path: .., ..}")
     marker_size_m: MarkerSizes = Field(description="the side of the markers, one number or {default: .., id: ..}")
     families: list[Name] = Field(default=["apriltag_36h11"], min_length=1)
+    decoder: Literal["opencv", "kornia", "both"] = "opencv"
     mask: Annotated[MaskInput | None, BeforeValidator(_mask)] = None
     gates: GatesInput = GatesInput()
     time_offset_s: float = 0.0

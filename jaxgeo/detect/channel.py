@@ -5,43 +5,49 @@ not half-way between two colours. A fixed mix of blue, green and red keeps the e
 can be chosen from the cells of the code, once that is known.
 """
 
+from typing import NamedTuple
+
 import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Float32, UInt8
-
-from jaxgeo.detect.reading import sample_cells
 
 # Keeps the mix from amplifying noise where cells of a kind hardly differ: gray levels, squared.
 _NOISE_LEVELS2 = 9.0
 _BLACK, _WHITE = 64.0, 192.0
 
 
-def marker_channel(
-    bgr: UInt8[np.ndarray, "h w 3"],
-    quad_px: Float[np.ndarray, "4 2"],
-    white: Bool[np.ndarray, "r r"],
-    black: Bool[np.ndarray, "r r"],
-) -> Float32[np.ndarray, "h w"]:
-    """A gray image in which the marker's black cells are 64 and its white cells 192, on average.
+class Mix(NamedTuple):
+    """Gray level = weights . (B, G, R) + offset."""
+
+    weights: Float[np.ndarray, "3"]
+    offset: float
+
+
+def best_mix(
+    cells_bgr: Float[np.ndarray, "r r 3"], white: Bool[np.ndarray, "r r"], black: Bool[np.ndarray, "r r"]
+) -> Mix:
+    """The mix in which the black cells are 64 and the white ones 192, on average, and scatter least.
 
     Fisher's linear discriminant of the cells' colours: w = (S + noise)^-1 (mean white - mean black), with S the
     covariance within both kinds. Fisher, "The use of multiple measurements in taxonomic problems", 1936.
 
     Args:
-        bgr: the image, or a part of it.
-        quad_px: corners clockwise as seen, in the pixels of `bgr`.
-        white, black: which cells are known to be so, in the order of `sample_cells`: inner cells, border and the ring
-            outside.
+        cells_bgr: mean colours, as `sample_cells` gives them.
+        white, black: which cells are known to be so.
     """
-    cells = sample_cells(bgr, quad_px[None], len(white) - 4)[0]
-    light, dark = cells[white], cells[black]
-    within = (_scatter(light) + _scatter(dark)) / (len(light) + len(dark) - 2)
-    difference = light.mean(axis=0) - dark.mean(axis=0)
-    mix = np.linalg.solve(within + _NOISE_LEVELS2 * np.eye(3), difference)
-    span = max(float(mix @ difference), 1e-9)
-    mix *= (_WHITE - _BLACK) / span
-    offset = (_WHITE + _BLACK) / 2 - mix @ (light.mean(axis=0) + dark.mean(axis=0)) / 2
-    return cv2.transform(bgr.astype(np.float32), np.append(mix, offset)[None])
+    light, dark = cells_bgr[white], cells_bgr[black]
+    mean_light, mean_dark = light.sum(axis=0) / len(light), dark.sum(axis=0) / len(dark)
+    light, dark = light - mean_light, dark - mean_dark
+    within = (light.T @ light + dark.T @ dark) / (len(light) + len(dark) - 2)
+    difference = mean_light - mean_dark
+    weights = np.linalg.solve(within + _NOISE_LEVELS2 * np.eye(3), difference)
+    weights *= (_WHITE - _BLACK) / max(float(weights @ difference), 1e-9)
+    return Mix(weights, float((_WHITE + _BLACK) / 2 - weights @ (mean_light + mean_dark) / 2))
+
+
+def mixed(bgr: UInt8[np.ndarray, "h w 3"], mix: Mix) -> Float32[np.ndarray, "h w"]:
+    """The gray image of a mix."""
+    return cv2.transform(bgr.astype(np.float32), np.append(mix.weights, mix.offset)[None])
 
 
 def white_cells(code: int, cells: int) -> Bool[np.ndarray, "r r"]:
@@ -51,8 +57,3 @@ def white_cells(code: int, cells: int) -> Bool[np.ndarray, "r r"]:
     bits = (np.uint64(code) >> np.arange(cells * cells, dtype=np.uint64)) & np.uint64(1)
     white[2:-2, 2:-2] = bits.reshape(cells, cells).astype(bool)
     return white
-
-
-def _scatter(colours: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "3 3"]:
-    centred = colours - colours.mean(axis=0)
-    return centred.T @ centred

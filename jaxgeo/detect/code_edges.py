@@ -5,6 +5,7 @@ inside. Once the code is known so are some eighty short edges of both directions
 all of them averages the surroundings and most of the blur out, and their scatter tells how well it is known.
 """
 
+import functools
 from typing import NamedTuple
 
 import numpy as np
@@ -15,7 +16,7 @@ from jaxgeo.detect.edges import Corners
 from jaxgeo.detect.lens import bent, flattened
 from jaxgeo.detect.reading import remap, unit_homographies
 
-_MOST_ROUNDS, _SETTLED_PX = 4, 0.15
+_MOST_ROUNDS, _SETTLED_PX = 4, 0.25
 # Profiles reach this part of a cell to both sides: the next edge may be a cell away.
 _REACH_CELLS = 0.6
 _REACH_PX = (1.0, 4.0)
@@ -63,6 +64,11 @@ def cell_edges(white: Bool[np.ndarray, "r r"]) -> CellEdges:
     return CellEdges(*(cell * np.concatenate(part) for part in (middle, along, outward)))
 
 
+@functools.lru_cache(maxsize=4096)
+def _edges_of(cells: int, white: bytes) -> CellEdges:
+    return cell_edges(np.frombuffer(white, dtype=bool).reshape(cells, cells))
+
+
 def refine_with_code(
     image: Num[np.ndarray, "h w"],
     quad_px: Float[np.ndarray, "4 2"],
@@ -81,7 +87,7 @@ def refine_with_code(
         white: the cells in the frame of that quad.
         camera: whose lens bends the marker's edges; None: straight ones.
     """
-    edges = cell_edges(white)
+    edges = _edges_of(white.shape[0], white.tobytes())
     start = np.asarray(quad_px, dtype=np.float64)
     unchanged = Corners(start[None], np.eye(8)[None], np.array([False]))
     cell_px = np.linalg.norm(np.roll(start, -1, axis=0) - start, axis=1).min() / (len(white) - 2)
@@ -142,10 +148,10 @@ def _observe(
     middle, by_flat = bent(flat, camera)
     derivative = by_flat @ derivative
     linear = derivative @ _entries_by_point(homography)
-    tangent = np.einsum("eij,ej->ei", linear, edges.along)
+    tangent = (linear @ edges.along[:, :, None])[..., 0]
     normal = np.stack([-tangent[:, 1], tangent[:, 0]], axis=1)
     normal /= np.maximum(np.sqrt((normal**2).sum(axis=1, keepdims=True)), 1e-9)
-    facing = np.einsum("ei,eij,ej->e", normal, linear, edges.outward)
+    facing = (normal * (linear @ edges.outward[:, :, None])[..., 0]).sum(axis=1)
     normal *= np.where(facing < 0.0, -1.0, 1.0)[:, None]
     reach = min(max(_REACH_CELLS * cell_px, _REACH_PX[0]), _REACH_PX[1])
     depth = np.linspace(-reach, reach, _STEPS)
@@ -158,7 +164,7 @@ def _observe(
     rise = np.maximum(profile[:, 1:] - profile[:, :-1], 0.0) ** 2
     strength = rise.sum(axis=1)
     offset = rise @ ((depth[1:] + depth[:-1]) / 2) / np.maximum(strength, 1e-9)
-    by_entries = np.einsum("ei,eik->ek", normal, derivative)
+    by_entries = (normal[:, None] @ derivative)[:, 0]
     return offset, np.sqrt(strength), np.concatenate([by_entries, np.ones((len(offset), 1))], axis=1)
 
 
@@ -177,20 +183,18 @@ def _solve(
     """Robust weighted step of the unknowns, its covariance, and the share of edges that lie where they should."""
     scale = np.maximum(np.sqrt((design**2).sum(axis=0)), 1e-12)
     unit = design / scale
-    base = np.minimum(strength / max(np.median(strength), 1e-9), 1.0)
-    weight = base
-    residual = offset
-    for _ in range(3):
-        normal_matrix = (unit * weight[:, None]).T @ unit + 1e-9 * np.eye(len(scale))
-        inverse = np.linalg.inv(normal_matrix)
-        step = inverse @ (unit.T @ (weight * offset))
+    base = np.minimum(strength / max(float(np.median(strength)), 1e-9), 1.0)
+    weight, ridge = base, 1e-9 * np.eye(len(scale))
+    for last in (False, False, True):
+        weighted = unit * weight[:, None]
+        inverse = np.linalg.inv(weighted.T @ unit + ridge)
+        step = inverse @ (offset @ weighted)
         residual = offset - unit @ step
-        spread = 1.4826 * np.median(np.abs(residual)) + 1e-3
-        robust = 1.0 / (1.0 + (residual / (_OUTLIER * spread)) ** 2)
-        weight = base * robust
-    freedom = max(weight.sum() - len(scale), 1.0)
-    scatter = (weight * residual**2).sum() / freedom
-    middle = (unit * weight[:, None] ** 2).T @ unit
-    covariance = scatter * inverse @ middle @ inverse
+        spread = 1.4826 * float(np.median(np.abs(residual))) + 1e-3
+        if not last:
+            weight = base / (1.0 + (residual / (_OUTLIER * spread)) ** 2)
+    freedom = max(float(weight.sum()) - len(scale), 1.0)
+    scatter = float(weight @ residual**2) / freedom
+    covariance = scatter * inverse @ (weighted.T @ weighted) @ inverse
     agreeing = np.mean(np.abs(residual) < max(3.0 * spread, _AGREE_PX))
     return step / scale, covariance / scale[:, None] / scale, float(agreeing)

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float, Num, UInt8
 
 from jaxgeo.data import Camera
-from jaxgeo.detect.channel import marker_channel, white_cells
+from jaxgeo.detect.channel import best_mix, mixed, white_cells
 from jaxgeo.detect.code_edges import refine_with_code
 from jaxgeo.detect.detection import Detections, no_detections
 from jaxgeo.detect.edges import Corners, refine_corners
@@ -21,7 +21,16 @@ from jaxgeo.detect.kornia_quads import KorniaQuads
 from jaxgeo.detect.lens import of_crop
 from jaxgeo.detect.mask import MaskSettings, soft_mask
 from jaxgeo.detect.quads import OpenCVQuads, mask_quads
-from jaxgeo.detect.reading import covariance_in_print_order, in_print_order, read_codes, rings, sample_cells
+from jaxgeo.detect.reading import (
+    Readings,
+    cell_points,
+    covariance_in_print_order,
+    in_print_order,
+    levels_at,
+    read_cells,
+    read_codes,
+    rings,
+)
 from jaxgeo.detect.regions import find_regions
 from jaxgeo.detect.second_look import ENLARGED, failed_places, from_enlarged
 from jaxgeo.errors import DetectError
@@ -133,7 +142,7 @@ class Detector:
             for polarity, reflector in (("marker", inside), ("ground", cv2.bitwise_not(inside))):
                 if mask.polarity not in ("auto", polarity):
                     continue
-                quads = mask_quads(reflector, self.settings.gates.min_side_px)
+                quads = mask_quads(reflector, self.settings.gates.min_side_px, outer=polarity == "marker")
                 found = [
                     _moved(one, x0, y0)
                     for group in (self._groups if len(quads) else ())
@@ -153,22 +162,36 @@ class Detector:
     ) -> Iterator[Detections]:
         """Read codes in the colour that parts each marker's border best from its surroundings.
 
-        Once the code is known its cells say that colour better, and the corners are refined in it.
+        A mix of colours is linear, so cells are mixed, not images; only the corners of what was read need an image.
+        Where the mask's outline is too rough to read by, its sides are followed first.
         """
         n = group[0].cells
         around, border = rings(n)
-        levels = sample_cells(reflector, quads, n)
+        points = cell_points(quads, n)
+        levels = levels_at(reflector, points, n)
         rimmed = levels[:, border].mean(axis=1) - levels[:, around].mean(axis=1) > _RIM_LEVELS
-        for quad in quads[rimmed]:
-            channel = marker_channel(crop, quad, around, border)
-            corners = refine_corners(channel, quad[None], n, rounds=2).corners_px
-            reading = read_codes(channel, corners, group)
+        if not np.any(rimmed):
+            return
+        for quad, cells in zip(quads[rimmed], levels_at(crop, points[rimmed], n), strict=True):
+            mix = best_mix(cells, around, border)
+            outline, reading = quad[None], read_cells((cells @ mix.weights + mix.offset)[None], group)
+            if reading.hamming[0] > group[reading.family[0]].max_hamming:
+                outline = refine_corners(mixed(crop, mix), outline, n, rounds=2).corners_px
+                cells = levels_at(crop, cell_points(outline, n), n)[0]
+                reading = read_cells((cells @ mix.weights + mix.offset)[None], group)
             one = group[reading.family[0]]
-            if reading.hamming[0] > max(one.max_hamming, self.settings.gates.max_hamming):
+            if reading.hamming[0] > one.max_hamming:
                 continue
+            # The code known, all its cells say what the best mix is.
             white = white_cells(int(one.codes[reading.marker[0], reading.quarter_turns[0]]), n)
-            channel = marker_channel(crop, corners[0], white, ~white)
-            found = self._read(channel, corners, [one], lens)
+            mix = best_mix(cells, white, ~white)
+            channel = mixed(crop, mix)
+            if reading.hamming[0] > 0:
+                outline = _refined(channel, outline[0], white, lens).corners_px
+                reading = read_codes(channel, outline, [one])
+            else:
+                reading = reading._replace(family=np.zeros(1, dtype=np.int64))
+            found = self._passing(channel, outline, reading, [one], lens)
             if len(found):
                 yield found
 
@@ -180,8 +203,18 @@ class Detector:
         lens: Camera | None,
         enlarged: int = 1,
     ) -> Detections:
+        return self._passing(gray, outlines_px, read_codes(gray, outlines_px, group), group, lens, enlarged)
+
+    def _passing(
+        self,
+        gray: Num[np.ndarray, "h w"],
+        outlines_px: Float[np.ndarray, "q 4 2"],
+        readings: Readings,
+        group: Sequence[Family],
+        lens: Camera | None,
+        enlarged: int = 1,
+    ) -> Detections:
         """What passes the gates, its corners refined with all edges of its code."""
-        readings = read_codes(gray, outlines_px, group)
         refused = refusals(readings, outlines_px / enlarged, group, self.settings.gates)
         rows = np.flatnonzero(~np.any(np.stack(list(refused.values())), axis=0))
         near = ~refused["hamming"]
@@ -211,17 +244,19 @@ def _refined(
     gray: Num[np.ndarray, "h w"], outline_px: Float[np.ndarray, "4 2"], white: np.ndarray, lens: Camera | None
 ) -> Corners:
     """By all edges of the code; else by the sides; else as found, with what a thresholded corner is worth."""
-    for refined in (
-        refine_with_code(gray, outline_px, white, lens),
-        refine_corners(gray, outline_px[None], len(white) - 4, rounds=2),
-    ):
-        if refined.ok[0]:
-            return refined
+    refined = refine_with_code(gray, outline_px, white, lens)
+    if not refined.ok[0]:
+        refined = refine_corners(gray, outline_px[None], len(white) - 4, rounds=2)
+    if refined.ok[0]:
+        return refined
     return Corners(outline_px[None], _UNREFINED_PX**2 * np.eye(8)[None], np.array([True]))
 
 
 def distinct(found: Sequence[Detections]) -> Detections:
     """One detection of each marker at a place: earlier groups first, then fewest corrected bits, then the clearest."""
+    found = [group for group in found if len(group)] or [found[0]]
+    if len(found) == 1 and len(found[0]) < 2:
+        return found[0]
     rank = np.concatenate([np.full(len(group), i) for i, group in enumerate(found)])
     joined = jax.tree.map(lambda *columns: np.concatenate(columns), *found)
     centre = joined.corners_px.mean(axis=1)

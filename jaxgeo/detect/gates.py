@@ -79,5 +79,8 @@ def view_angle_rad(quads_px: Float[np.ndarray, "q 4 2"]) -> Float[np.ndarray, "q
     """Angle between line of sight and normal of a square from its outline's flatness (weak perspective)."""
     across = (quads_px[:, 1] + quads_px[:, 2] - quads_px[:, 0] - quads_px[:, 3]) / 2
     down = (quads_px[:, 3] + quads_px[:, 2] - quads_px[:, 0] - quads_px[:, 1]) / 2
-    singular = np.linalg.svd(np.stack([across, down], axis=-1), compute_uv=False)
-    return np.arccos(np.clip(singular[:, 1] / np.maximum(singular[:, 0], 1e-9), 0.0, 1.0))
+    # Singular values of the 2x2 matrix (across, down): their squares add up to s and multiply to d^2.
+    s = (across**2).sum(axis=1) + (down**2).sum(axis=1)
+    d = across[:, 0] * down[:, 1] - across[:, 1] * down[:, 0]
+    root = np.sqrt(np.maximum(s * s - 4.0 * d * d, 0.0))
+    return np.arccos(np.sqrt(np.maximum(s - root, 0.0) / np.maximum(s + root, 1e-18)))

@@ -33,10 +33,15 @@ class OpenCVQuads:
         return _stack([quad[0] for quad in (*found, *refused)])
 
 
-def mask_quads(mask: UInt8[np.ndarray, "h w"], min_side_px: float) -> Float[np.ndarray, "q 4 2"]:
-    """Quadrilaterals among the outlines of a mask (above 127), corners clockwise as seen in the image."""
+def mask_quads(
+    mask: UInt8[np.ndarray, "h w"], min_side_px: float, *, outer: bool = False
+) -> Float[np.ndarray, "q 4 2"]:
+    """Quadrilaterals among the outlines of a mask (above 127), corners clockwise as seen in the image.
+
+    `outer`: only outlines that lie in no other one.
+    """
     _, binary = cv2.threshold(mask, 127, 255, cv2.THRESH_BINARY)
-    outlines, _ = cv2.findContours(binary, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
+    outlines, _ = cv2.findContours(binary, cv2.RETR_EXTERNAL if outer else cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
     quads = []
     for outline in outlines:
         if len(outline) < 4 * 0.7 * min_side_px:

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float, Int, Num
+from jaxtyping import Bool, Float, Float32, Int, Num
 
 from jaxgeo.detect.families import Family, pack
 
@@ -54,8 +54,12 @@ def read_codes(
         quads_px: corners clockwise as seen in the image, any first.
         families: all with the same `cells`.
     """
+    return read_cells(sample_cells(gray, quads_px, families[0].cells), families)
+
+
+def read_cells(cells: Float[np.ndarray, "q r r"], families: Sequence[Family]) -> Readings:
+    """`read_codes` of cells that are sampled already."""
     n = families[0].cells
-    cells = sample_cells(gray, quads_px, n)
     plain = _read(cells, n, families)
     if not np.any(plain.hamming):
         return plain
@@ -67,14 +71,29 @@ def sample_cells(
     image: Num[np.ndarray, "h w ..."], quads_px: Float[np.ndarray, "q 4 2"], cells: int
 ) -> Float[np.ndarray, "q r r ..."]:
     """Mean level of every cell: the inner ones, the border and one ring outside (r = cells + 4)."""
-    homography = unit_homographies(quads_px)
-    at = (np.arange(-1, cells + 3)[:, None] + _IN_CELL).ravel() / (cells + 2)
-    grid = np.stack([*np.meshgrid(at, at), np.ones((len(at), len(at)))], axis=-1).reshape(-1, 3)
-    mapped = grid @ np.swapaxes(homography, 1, 2)
-    points = (mapped[..., :2] / mapped[..., 2:]).astype(np.float32)
-    levels = remap(image, points)
+    return levels_at(image, cell_points(quads_px, cells), cells)
+
+
+def cell_points(quads_px: Float[np.ndarray, "q 4 2"], cells: int) -> Float32[np.ndarray, "q k 2"]:
+    """The pixels that `sample_cells` reads."""
+    mapped = _grid(cells) @ np.swapaxes(unit_homographies(quads_px), 1, 2)
+    depth = np.where(np.abs(mapped[..., 2:]) < 1e-9, 1e-9, mapped[..., 2:])
+    return (mapped[..., :2] / depth).astype(np.float32)
+
+
+def levels_at(
+    image: Num[np.ndarray, "h w ..."], points: Float32[np.ndarray, "q k 2"], cells: int
+) -> Float[np.ndarray, "q r r ..."]:
+    """Mean levels of the cells whose `cell_points` these are."""
     r, k = cells + 4, len(_IN_CELL)
-    return levels.reshape(len(quads_px), r, k, r, k, *image.shape[2:]).mean(axis=(2, 4), dtype=np.float64)
+    levels = remap(image, points).reshape(len(points), r, k, r, k, *image.shape[2:])
+    return levels.sum(axis=(2, 4), dtype=np.float64) / k**2
+
+
+@functools.cache
+def _grid(cells: int) -> Float[np.ndarray, "k 3"]:
+    at = (np.arange(-1, cells + 3)[:, None] + _IN_CELL).ravel() / (cells + 2)
+    return np.stack([*np.meshgrid(at, at), np.ones((len(at), len(at)))], axis=-1).reshape(-1, 3)
 
 
 # OpenCV's remap counts an image's rows in 16 bits.

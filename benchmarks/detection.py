@@ -1,0 +1,211 @@
+"""Marker detection: `python -m benchmarks.detection [--json] [--rendered N] [--empty N] [--frames N]`.
+
+Real photographs of tags, simulated images of camouflaged markers, and time beside OpenCV's detector on the same frames.
+Everything but the photographs is simulated.
+"""
+
+import json
+import os
+import time
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import typer
+from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
+
+from benchmarks.timing import medians_s
+from jaxgeo.associate import corners_to_sightings
+from jaxgeo.data import Camera, CornerSightings, Rig
+from jaxgeo.detect import Detections, Detector, DetectorSettings, MaskSettings
+from jaxgeo.detect.families import dictionary, family
+from jaxgeo.simulate.camouflage import camouflage
+from jaxgeo.simulate.image_conditions import developed, sample_conditions
+from jaxgeo.simulate.marker_image import MarkerImage, render_marker_image, sample_marker
+
+ROOT = Path(__file__).resolve().parents[1]
+FAMILY = "apriltag_36h11"
+SIZE_M = 0.15
+WIDTH, HEIGHT = 1280, 720
+CAMERA = Camera(
+    intrinsics_px=np.array([900.0, 900.0, 640.0, 360.0]),
+    distortion_model="radtan",
+    distortion=np.array([-0.12, 0.05, 0.0005, -0.0003]),
+    resolution_px=(WIDTH, HEIGHT),
+    t_body_cam_m=np.zeros(3),
+    quat_body_cam_wxyz=np.array([1.0, 0.0, 0.0, 0.0]),
+)
+RIG = Rig({"cam0": CAMERA})
+CANVASES = 8
+
+
+def photographs() -> dict[str, Any]:
+    """Ids found in 72 photographs of a room, and those that are not there; ids of a photograph of a screen."""
+    root = Path(os.environ.get("JAXGEO_DATA", ROOT.parent / "shared" / "data")) / "tags"
+    folder = root / "swatbotics_mapping"
+    rows = [line.split() for line in (folder / "groundtruth_ids.txt").read_text().splitlines() if line.strip()]
+    detector = Detector(DetectorSettings(families=(FAMILY,)))
+    peer = cv2.aruco.ArucoDetector(dictionary(FAMILY))
+    found = false = of = peer_found = 0
+    for name, *ids in rows:
+        image = cv2.imread(str(folder / name))
+        seen, listed = set(detector(image).marker.tolist()), set(map(int, ids))
+        of, found, false = of + len(listed), found + len(seen & listed), false + len(seen - listed)
+        peer_ids = peer.detectMarkers(image)[1]
+        peer_found += 0 if peer_ids is None else len(set(peer_ids.ravel().tolist()) & listed)
+    screen = cv2.imread(str(root / "aruco_fdcl" / "test_image.png"))
+    on_screen = Detector(DetectorSettings(families=("aruco_original",)))(screen)
+    return {
+        "swatbotics_found": found,
+        "swatbotics_of": of,
+        "swatbotics_false": false,
+        "swatbotics_opencv_found": peer_found,
+        "aruco_fdcl_found": len(set(on_screen.marker.tolist()) & set(range(8))),
+    }
+
+
+def rendered(count: int, seed: int) -> tuple[list[MarkerImage], list[float]]:
+    """Simulated images of one camouflaged marker each, sides from 20 to 200 px (log-uniform), and these sides."""
+    rng = np.random.default_rng(seed)
+    canvases = [camouflage(rng, HEIGHT, WIDTH) for _ in range(CANVASES)]
+    images, sides = [], []
+    ids = len(family(FAMILY).codes)
+    for i in range(count):
+        side_px = float(np.exp(rng.uniform(np.log(20.0), np.log(200.0))))
+        marker = sample_marker(rng, CAMERA, FAMILY, int(rng.integers(ids)), side_px, size_m=SIZE_M)
+        images.append(render_marker_image(rng, CAMERA, canvases[i % CANVASES], [marker], sample_conditions(rng)))
+        sides.append(side_px)
+    return images, sides
+
+
+def recall(count: int, seed: int) -> dict[str, Any]:
+    """Share found, corner errors and honesty of the poses, batch by batch (images are large)."""
+    detector = Detector(DetectorSettings(families=(FAMILY,), mask=MaskSettings()))
+    sides, hits, errors, false, rows = [], [], [], 0, []
+    for batch in range(0, count, 100):
+        images, batch_sides = rendered(min(100, count - batch), seed + batch)
+        for image, side_px in zip(images, batch_sides, strict=True):
+            found = detector(image.bgr, CAMERA)
+            right = np.flatnonzero(found.marker == image.markers[0].marker)
+            false += len(found) - len(right)
+            sides.append(side_px)
+            hits.append(len(right) > 0)
+            if len(right):
+                errors.append((side_px, found.corners_px[right[0]] - image.corners_px[0]))
+                rows.append((side_px, image, found, int(right[0])))
+    side, hit = np.array(sides), np.array(hits)
+    large = np.array([e for s, e in errors if s >= 40.0])
+    return {
+        "rendered_frames": count,
+        "recall_40px": float(hit[side >= 40.0].mean()),
+        "recall_20_to_40px": float(hit[side < 40.0].mean()),
+        "false_ids_on_rendered": int(false),
+        "corner_rms_px": float(np.sqrt(np.mean(large**2))),
+        "corner_rms_20_to_40px": float(np.sqrt(np.mean([e**2 for s, e in errors if s < 40.0]))),
+        **pose_honesty(rows),
+    }
+
+
+def pose_honesty(rows: list[tuple[float, MarkerImage, Detections, int]]) -> dict[str, Any]:
+    """Mean squared pose error over its covariance (6 is honest) of unambiguous sightings, with the 95 % band."""
+    n = len(rows)
+    corners = CornerSightings(
+        stamp_s=np.arange(n, dtype=np.float64),
+        camera=np.full(n, "cam0"),
+        marker=np.full(n, "0"),
+        corners_px=np.array([found.corners_px[row] for _, _, found, row in rows]),
+        source=np.array([str(i) for i in range(n)]),
+        covariance_px2=np.array([found.covariance_px2[row] for _, _, found, row in rows]),
+    )
+    sightings, _ = corners_to_sightings(corners, RIG, SIZE_M, 1.0)
+    nees, sides = [], []
+    for i in np.flatnonzero(~sightings.ambiguous):
+        side_px, image, _, _ = rows[int(sightings.source[i])]
+        truth = image.markers[0]
+        turned = Rotation.from_quat(sightings.quat_body_marker_wxyz[i], scalar_first=True)
+        true_turn = Rotation.from_quat(truth.quat_cam_marker_wxyz, scalar_first=True)
+        error = np.concatenate(
+            [sightings.t_body_marker_m[i] - truth.t_cam_marker_m, (turned * true_turn.inv()).as_rotvec()]
+        )
+        nees.append(error @ np.linalg.solve(sightings.covariance[i], error))
+        sides.append(side_px)
+    value, large = np.array(nees), np.array(sides) >= 40.0
+    band = chi2.ppf([0.025, 0.975], 6)
+    return {
+        "pose_nees": float(value[large].mean()),
+        "pose_nees_all": float(value.mean()),
+        "pose_nees_in_band": float(np.mean((value[large] > band[0]) & (value[large] < band[1]))),
+        "pose_nees_mean_band": [float(x) / int(large.sum()) for x in chi2.ppf([0.025, 0.975], 6 * int(large.sum()))],
+        "poses_unambiguous": len(value),
+        "poses": n,
+    }
+
+
+def false_ids(count: int, seed: int) -> dict[str, Any]:
+    """Ids found in simulated camouflage without any marker."""
+    rng = np.random.default_rng(seed)
+    detector = Detector(DetectorSettings(families=(FAMILY,), mask=MaskSettings()))
+    canvas = camouflage(rng, 3 * HEIGHT, 3 * WIDTH)
+    found = 0
+    none = np.zeros((0, 4, 2))
+    for i in range(count):
+        if i % 500 == 499:
+            canvas = camouflage(rng, 3 * HEIGHT, 3 * WIDTH)
+        y, x = rng.integers(2 * HEIGHT), rng.integers(2 * WIDTH)
+        part = canvas[y : y + HEIGHT, x : x + WIDTH]
+        found += len(detector(developed(rng, part.copy(), none, sample_conditions(rng))))
+    return {"empty_frames": count, "false_ids": found, "false_ids_per_10000": 1e4 * found / count}
+
+
+def speed(count: int, repetitions: int, seed: int) -> dict[str, Any]:
+    """Median time a frame, mask to pose, beside OpenCV's detector on the whole gray frame; one thread, interleaved."""
+    cv2.setNumThreads(1)
+    frames = [image.bgr for image in rendered(count, seed)[0]]
+    detector = Detector(DetectorSettings(families=(FAMILY,), mask=MaskSettings()))
+    peer = cv2.aruco.ArucoDetector(dictionary(FAMILY))
+
+    def ours(bgr: np.ndarray) -> None:
+        found = detector(bgr, CAMERA)
+        n = len(found)
+        if n:
+            names = np.full(n, "cam0"), found.marker.astype(str)
+            sources = np.full(n, "frame")
+            corners = CornerSightings(np.zeros(n), *names, found.corners_px, sources, found.covariance_px2)
+            corners_to_sightings(corners, RIG, SIZE_M, 1.0)
+
+    def theirs(bgr: np.ndarray) -> None:
+        peer.detectMarkers(cv2.cvtColor(bgr, cv2.COLOR_BGR2GRAY))
+
+    times = np.array([medians_s(repetitions, lambda bgr=bgr: ours(bgr), lambda bgr=bgr: theirs(bgr)) for bgr in frames])
+    ours_s, theirs_s = np.median(times, axis=0)
+    return {
+        "ms_per_frame": 1e3 * float(ours_s),
+        "opencv_ms_per_frame": 1e3 * float(theirs_s),
+        "ratio_to_opencv": float(theirs_s / ours_s),
+    }
+
+
+def main(
+    as_json: bool = typer.Option(False, "--json", help="One JSON object."),
+    images: int = typer.Option(1000, "--rendered", help="Simulated images with a marker."),
+    empty: int = typer.Option(10_000, help="Simulated images without one."),
+    frames: int = typer.Option(100, help="Images timed."),
+    repetitions: int = typer.Option(7, help="Times each."),
+    seed: int = typer.Option(0, help="Seed of the simulated images."),
+) -> None:
+    started = time.perf_counter()
+    found = {"simulated": "all but the photographs", **photographs(), **recall(images, seed)}
+    found |= speed(frames, repetitions, seed + 10_000)
+    found |= false_ids(empty, seed + 20_000)
+    found["seconds"] = time.perf_counter() - started
+    if as_json:
+        print(json.dumps(found))
+        return
+    for name, value in found.items():
+        print(f"{name}: {value}")
+
+
+if __name__ == "__main__":
+    typer.run(main)
