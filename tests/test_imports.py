@@ -25,8 +25,8 @@ RANK = {part: rank for rank, parts in enumerate(LAYERS) for part in parts}
 
 # Optional and heavy: the adapter files that may import them.
 ADAPTERS: dict[str, set[str]] = {
-    "torch": set(),
-    "kornia": set(),
+    "torch": {"jaxgeo/detect/mask_batched.py", "jaxgeo/detect/tune.py"},
+    "kornia": {"jaxgeo/detect/mask_batched.py", "jaxgeo/detect/tune.py"},
     "kornia_rs": {"jaxgeo/detect/kornia_quads.py"},
     "open3d": set(),
     "laspy": set(),

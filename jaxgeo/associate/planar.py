@@ -31,9 +31,10 @@ def square_poses(
     gap = np.eye(2) - np.swapaxes(upper, 1, 2) @ upper
     third = np.sqrt(np.clip(np.stack([gap[:, 0, 0], gap[:, 1, 1]], axis=1), 0.0, None))
     third[:, 1] *= np.where(gap[:, 0, 1] < 0.0, -1.0, 1.0)
-    rotations = np.stack([rotation_view @ _complete(upper, sign * third) for sign in (1.0, -1.0)], axis=1)
-    translations = np.stack([_translations(normalised, rotations[:, k], side_m) for k in (0, 1)], axis=1)
-    return rotations, translations
+    both = _complete(np.repeat(upper, 2, axis=0), np.stack([third, -third], axis=1).reshape(-1, 2))
+    rotations = np.repeat(rotation_view, 2, axis=0) @ both
+    translations = _translations(np.repeat(normalised, 2, axis=0), rotations, np.repeat(side_m, 2))
+    return rotations.reshape(-1, 2, 3, 3), translations.reshape(-1, 2, 3)
 
 
 def _homographies(normalised: Float[np.ndarray, "n 4 2"]) -> Float[np.ndarray, "n 3 3"]:
@@ -52,13 +53,15 @@ def _homographies(normalised: Float[np.ndarray, "n 4 2"]) -> Float[np.ndarray, "
 
 def _solve(matrix: Float[np.ndarray, "n a a"], right: Float[np.ndarray, "n a b"]) -> Float[np.ndarray, "n a b"]:
     """Batched solve; rows with a (nearly) singular matrix become NaN instead of stopping the batch."""
-    usable = np.all(np.isfinite(matrix), axis=(1, 2)) & np.all(np.isfinite(right), axis=(1, 2))
-    regular = np.where(usable[:, None, None], matrix, np.eye(matrix.shape[1]))
-    usable &= np.linalg.cond(regular) < 1e12
-    regular = np.where(usable[:, None, None], matrix, np.eye(matrix.shape[1]))
-    return np.where(
-        usable[:, None, None], np.linalg.solve(regular, np.where(usable[:, None, None], right, 0.0)), np.nan
-    )
+    finite = np.all(np.isfinite(matrix), axis=(1, 2)) & np.all(np.isfinite(right), axis=(1, 2))
+    matrix = matrix if finite.all() else np.where(finite[:, None, None], matrix, np.eye(matrix.shape[1]))
+    size = np.linalg.svd(matrix, compute_uv=False)
+    usable = finite & (size[:, 0] < 1e12 * size[:, -1])
+    if usable.all():
+        return np.linalg.solve(matrix, right)
+    matrix = np.where(usable[:, None, None], matrix, np.eye(matrix.shape[1]))
+    solution = np.linalg.solve(matrix, np.where(usable[:, None, None], right, 0.0))
+    return np.where(usable[:, None, None], solution, np.nan)
 
 
 def _rotation_to(direction: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3 3"]:
@@ -72,9 +75,11 @@ def _rotation_to(direction: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3 
 
 def _complete(upper: Float[np.ndarray, "n 2 2"], third: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 3 3"]:
     """A rotation from the upper 2x2 block and third row of its first two columns."""
-    first = np.concatenate([upper[:, :, 0], third[:, :1]], axis=1)
-    second = np.concatenate([upper[:, :, 1], third[:, 1:]], axis=1)
-    return np.stack([first, second, np.cross(first, second)], axis=2)
+    whole = np.empty((len(upper), 3, 3))
+    whole[:, :2, :2], whole[:, 2, :2] = upper, third
+    ax, ay, az, bx, by, bz = (whole[:, k, column] for column in (0, 1) for k in range(3))
+    whole[:, 0, 2], whole[:, 1, 2], whole[:, 2, 2] = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+    return whole
 
 
 def _translations(

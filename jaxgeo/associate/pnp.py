@@ -1,19 +1,20 @@
 """Marker corners to marker poses in the body frame, with covariance: PnP for all sightings at once."""
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from scipy.spatial.transform import Rotation
 
-from jaxgeo.associate.camera_model import check_camera, project, undistort
-from jaxgeo.associate.planar import UNIT_CORNERS, square_poses
-from jaxgeo.data import Camera, CornerSightings, Rig, Sightings
+from jaxgeo.associate.ambiguity import AmbiguityRule, choose_by_run, doubted_covariance
+from jaxgeo.associate.camera_model import check_camera
+from jaxgeo.associate.refinement import refine
+from jaxgeo.associate.square_pair import SquarePairs, square_pairs
+from jaxgeo.data import CornerSightings, Rig, Sightings
 from jaxgeo.errors import SightingError
 
+__all__ = ["corners_to_sightings", "refine"]
+
 # Eight pixel coordinates less six unknowns: the RMS residual expected of a right solution is sigma * sqrt(2 / 8).
-_EXPECTED_RMS = 0.5
-_MAX_STEPS = 30
-_SETTLED_PX, _SETTLED_SIGMAS = 1e-7, 1e-4
-_IMAGE_ROOM = 0.05  # of the image size
+_EXPECTED_FIT = 0.5
 
 
 def corners_to_sightings(
@@ -24,6 +25,7 @@ def corners_to_sightings(
     *,
     ambiguity_ratio: float = 2.0,
     worst_fit: float = 5.0,
+    ambiguity_rule: AmbiguityRule | None = None,
 ) -> tuple[Sightings, tuple[str, ...]]:
     """Poses `T_body_marker` of square markers from their four corners.
 
@@ -40,6 +42,10 @@ def corners_to_sightings(
             unique. With the default 2 and pure noise the flag means chi2_2 - chi2_1 below about 6: odds of the
             kept solution under 20 to 1.
         worst_fit: corners whose RMS error exceeds this many pixel sigmas are not of one square.
+        ambiguity_rule: with it, ambiguous sightings choose between their two solutions by the other sightings of their
+            marker, are no longer ambiguous where those leave odds above exp(ratio^2 - 1) (20 to 1 for the ratio 2),
+            and every covariance holds the chance that the other solution is the right one: see `ambiguity`. Default:
+            each sighting for itself, by its fit alone.
 
     Returns:
         the sightings, in the order given, and warnings: corners outside the image or the camera model's range, that
@@ -51,56 +57,61 @@ def corners_to_sightings(
     """
     size_m = _sizes(corners, marker_size_m)
     _check(corners, rig, pixel_sigma_px)
-    n = len(corners)
-    rotation, translation = np.full((n, 3, 3), np.nan), np.full((n, 3), np.nan)
-    covariance = np.full((n, 6, 6), np.nan)
-    rms = np.full((n, 2), np.nan)
-    reprojection_px = np.full(n, np.nan)
-    in_range = np.zeros(n, dtype=bool)
-    whiten = _whitening(corners, pixel_sigma_px)
-    # What residuals are in: pixels, or standard deviations where corners carry a covariance.
-    unit = pixel_sigma_px if whiten is None else 1.0
-    for name in np.unique(corners.camera):
-        rows = np.flatnonzero(corners.camera == name)
-        camera = rig.cameras[str(name)]
-        normalised, reached = undistort(corners.corners_px[rows].reshape(-1, 2), camera)
-        in_range[rows] = reached.reshape(-1, 4).all(axis=1) & _in_image(corners.corners_px[rows], camera)
-        rows, normalised = rows[in_range[rows]], normalised.reshape(-1, 4, 2)[in_range[rows]]
-        if rows.size:
-            white = None if whiten is None else whiten[rows]
-            R_cam, t_cam, rms[rows], reprojection_px[rows], information = _solve(
-                normalised, corners.corners_px[rows], size_m[rows], camera, white
-            )
-            R_body_cam = Rotation.from_quat(camera.quat_body_cam_wxyz, scalar_first=True).as_matrix()
-            rotation[rows] = R_body_cam @ R_cam
-            translation[rows] = t_cam @ R_body_cam.T + camera.t_body_cam_m
-            axes = np.kron(np.eye(2), R_body_cam)
-            covariance[rows] = unit**2 * axes @ _invert(information) @ axes.T
-    solved = np.isfinite(rms[:, 0]) & np.all(np.isfinite(covariance), axis=(1, 2))
-    kept = solved & (rms[:, 0] <= worst_fit * unit)
+    whitening = _whitening(corners, pixel_sigma_px)
+    pairs = square_pairs(corners, rig, size_m, pixel_sigma_px, whitening)
+    solved = np.isfinite(pairs.fit[:, 0]) & np.all(np.isfinite(pairs.covariance[:, 0]), axis=(1, 2))
+    kept = solved & (pairs.fit[:, 0] <= worst_fit)
     warnings = _refusals(
         corners,
         {
-            "have corners outside the image or the range of the camera's distortion model": ~in_range,
-            "have corners that no marker in front of the camera explains (degenerate or behind it)": in_range & ~solved,
-            f"fit a square worse than {worst_fit:g} times {_unit_words(whiten, pixel_sigma_px)}": solved & ~kept,
+            "have corners outside the image or the range of the camera's distortion model": ~pairs.in_range,
+            "have corners that no marker in front of the camera explains (degenerate or behind it)": pairs.in_range
+            & ~solved,
+            f"fit a square worse than {worst_fit:g} times {_unit_words(whitening, pixel_sigma_px)}": solved & ~kept,
         },
     )
-    second = np.where(np.isnan(rms[:, 1]), np.inf, rms[:, 1])
-    ambiguous = second < ambiguity_ratio * np.maximum(rms[:, 0], _EXPECTED_RMS * unit)
-    quaternion = np.full((n, 4), np.nan)
-    quaternion[kept] = Rotation.from_matrix(rotation[kept]).as_quat(scalar_first=True)
+    chosen, ambiguous, covariance = _choose(corners, pairs, kept, ambiguity_ratio, worst_fit, ambiguity_rule)
+    row = np.arange(len(corners))
+    quaternion = np.full((len(corners), 4), np.nan)
+    quaternion[kept] = Rotation.from_matrix(pairs.R_body_marker[row, chosen][kept]).as_quat(scalar_first=True)
     sightings = Sightings(
         stamp_s=corners.stamp_s,
         marker=corners.marker,
-        t_body_marker_m=translation,
+        t_body_marker_m=pairs.t_body_marker_m[row, chosen],
         quat_body_marker_wxyz=quaternion,
         covariance=covariance,
         ambiguous=ambiguous,
-        reprojection_px=reprojection_px,
+        reprojection_px=pairs.reprojection_px[row, chosen],
         source=corners.source,
     )
-    return sightings.take(np.flatnonzero(kept)), warnings
+    return sightings if kept.all() else sightings.take(np.flatnonzero(kept)), warnings
+
+
+def _choose(
+    corners: CornerSightings,
+    pairs: SquarePairs,
+    kept: Bool[np.ndarray, "n"],
+    ambiguity_ratio: float,
+    worst_fit: float,
+    rule: AmbiguityRule | None,
+) -> tuple[Int[np.ndarray, "n"], Bool[np.ndarray, "n"], Float[np.ndarray, "n 6 6"]]:
+    """Which solution of each kept row holds (0, 1), whether that is ambiguous, and the covariance about it."""
+    second = np.where(np.isnan(pairs.fit[:, 1]), np.inf, pairs.fit[:, 1])
+    ambiguous = second < ambiguity_ratio * np.maximum(pairs.fit[:, 0], _EXPECTED_FIT)
+    chosen = np.zeros(len(corners), dtype=np.int64)
+    covariance = pairs.covariance[:, 0].copy()
+    if rule is None or not kept.any():
+        return chosen, ambiguous, covariance
+    rows = np.flatnonzero(kept)
+    pairs = pairs.take(rows)
+    choice = choose_by_run(corners.stamp_s[rows], corners.marker[rows], corners.camera[rows], pairs, rule)
+    # A sighting that is clear by itself is not overruled: that its neighbours disagree is more likely their mistake.
+    swapped = choice.second & ambiguous[rows] & (second[rows] <= worst_fit)
+    chosen[rows] = swapped
+    log_odds = np.where(swapped, -choice.log_odds, choice.log_odds)
+    ambiguous[rows] &= ~choice.single & (log_odds <= ambiguity_ratio**2 - 1.0)
+    covariance[rows] = doubted_covariance(pairs, chosen[rows], choice)
+    return chosen, ambiguous, covariance
 
 
 def _whitening(corners: CornerSightings, pixel_sigma_px: float) -> Float[np.ndarray, "n 8 8"] | None:
@@ -108,6 +119,8 @@ def _whitening(corners: CornerSightings, pixel_sigma_px: float) -> Float[np.ndar
     if corners.covariance_px2 is None:
         return None
     known = np.all(np.isfinite(corners.covariance_px2), axis=(1, 2))
+    if not known.any():
+        return None
     covariance = np.where(known[:, None, None], corners.covariance_px2, pixel_sigma_px**2 * np.eye(8))
     try:
         return np.linalg.inv(np.linalg.cholesky(covariance))
@@ -158,15 +171,6 @@ def _check(corners: CornerSightings, rig: Rig, pixel_sigma_px: float) -> None:
         raise SightingError(f"{corners.source[bad[0]]}: marker corners are not finite numbers ({bad.size} such rows).")
 
 
-def _in_image(corners_px: Float[np.ndarray, "n 4 2"], camera: Camera) -> Bool[np.ndarray, "n"]:
-    """All four corners in the image, with a little room for extrapolated ones; True where its size is not known."""
-    if camera.resolution_px is None:
-        return np.ones(len(corners_px), dtype=bool)
-    size_px = np.array(camera.resolution_px)
-    room_px = _IMAGE_ROOM * size_px
-    return np.all((corners_px >= -room_px) & (corners_px <= size_px + room_px), axis=(1, 2))
-
-
 def _refusals(corners: CornerSightings, kinds: dict[str, Bool[np.ndarray, "n"]]) -> tuple[str, ...]:
     """One sentence for each kind of row left out; an error where no row is left."""
     sentences = []
@@ -180,137 +184,3 @@ def _refusals(corners: CornerSightings, kinds: dict[str, Bool[np.ndarray, "n"]])
             " ".join(sentences) + " None is left: check intrinsics, distortion model, corner order and pixel_sigma_px."
         )
     return tuple(sentences)
-
-
-def _solve(
-    normalised: Float[np.ndarray, "n 4 2"],
-    pixels: Float[np.ndarray, "n 4 2"],
-    size_m: Float[np.ndarray, "n"],
-    camera: Camera,
-    whiten: Float[np.ndarray, "n 8 8"] | None,
-) -> tuple[
-    Float[np.ndarray, "n 3 3"],
-    Float[np.ndarray, "n 3"],
-    Float[np.ndarray, "n 2"],
-    Float[np.ndarray, "n"],
-    Float[np.ndarray, "n 6 6"],
-]:
-    """Best pose of each marker in the camera, RMS residuals of both solutions (best first), the best one's RMS in
-    pixels, and its J^T J.
-
-    A solution behind the camera has RMS NaN; a row whose both solutions are behind it is NaN throughout.
-    """
-    n = len(normalised)
-    rotations, translations = square_poses(normalised, size_m)
-    corners_m = np.repeat(size_m, 2)[:, None, None] * np.column_stack([UNIT_CORNERS, np.zeros(4)])
-    R, t = rotations.reshape(-1, 3, 3), translations.reshape(-1, 3)
-    twice = None if whiten is None else np.repeat(whiten, 2, axis=0)
-    R, t, error, information = refine(R, t, corners_m, np.repeat(pixels, 2, axis=0), camera, twice)
-    rms = np.sqrt(error / 8.0).reshape(n, 2)
-    order = np.argsort(rms, axis=1)  # NaN goes last
-    best = 2 * np.arange(n) + order[:, 0]
-    rms = np.take_along_axis(rms, order, axis=1)
-    rms_px = rms[:, 0]
-    if whiten is not None:
-        residual_px = _linearise(R[best], t[best], corners_m[best], pixels, camera)[0]
-        rms_px = np.where(np.isnan(rms[:, 0]), np.nan, np.sqrt(np.mean(residual_px**2, axis=1)))
-    return R[best], t[best], rms, rms_px, information[best]
-
-
-def refine(
-    R: Float[np.ndarray, "n 3 3"],
-    t: Float[np.ndarray, "n 3"],
-    corners_m: Float[np.ndarray, "n 4 3"],
-    pixels: Float[np.ndarray, "n 4 2"],
-    camera: Camera,
-    whiten: Float[np.ndarray, "n 8 8"] | None = None,
-) -> tuple[Float[np.ndarray, "n 3 3"], Float[np.ndarray, "n 3"], Float[np.ndarray, "n"], Float[np.ndarray, "n 6 6"]]:
-    """Levenberg-Marquardt on the distorted pixels, every marker with its own damping.
-
-    Args:
-        whiten: multiplied to every residual and its derivative; None: residuals in pixels.
-
-    Returns rotations, translations, squared residuals and J^T J at the end (tangent: translation added, rotation on
-    the left, camera axes). A start that is not in front of the camera comes back with error NaN.
-    """
-    residual, jacobian, ok = _whitened(R, t, corners_m, pixels, camera, whiten)
-    error = np.where(ok, np.sum(residual**2, axis=1), np.nan)
-    information = np.swapaxes(jacobian, 1, 2) @ jacobian
-    damping = np.full(len(R), 1e-3)
-    settled = _SETTLED_PX if whiten is None else _SETTLED_SIGMAS
-    active = np.flatnonzero(ok)
-    R, t = R.copy(), t.copy()
-    for _ in range(_MAX_STEPS):
-        if active.size == 0:
-            break
-        A = information[active]
-        diagonal = np.einsum("nii->ni", A)
-        damped = (
-            A
-            + damping[active, None, None]
-            * np.eye(6)
-            * (diagonal + 1e-12 * diagonal.max(axis=1, keepdims=True))[:, None]
-        )
-        gradient = np.einsum("nij,ni->nj", jacobian[active], residual[active])
-        step = -np.linalg.solve(damped, gradient[:, :, None])[:, :, 0]
-        R_new = Rotation.from_rotvec(step[:, 3:]).as_matrix() @ R[active]
-        t_new = t[active] + step[:, :3]
-        white = None if whiten is None else whiten[active]
-        new_residual, new_jacobian, new_ok = _whitened(R_new, t_new, corners_m[active], pixels[active], camera, white)
-        new_error = np.sum(new_residual**2, axis=1)
-        better = new_ok & (new_error <= error[active])
-        won = active[better]
-        R[won], t[won], error[won] = R_new[better], t_new[better], new_error[better]
-        residual[won], jacobian[won] = new_residual[better], new_jacobian[better]
-        information[won] = np.swapaxes(jacobian[won], 1, 2) @ jacobian[won]
-        damping[active] = np.where(better, damping[active] / 10.0, damping[active] * 10.0)
-        # A step that moves no corner by this ends it; so does a damping that no longer lets anything move.
-        predicted = np.linalg.norm(np.einsum("nij,nj->ni", new_jacobian, step), axis=1)
-        active = active[(predicted > settled) & (damping[active] < 1e8)]
-    return R, t, error, information
-
-
-def _whitened(
-    R: Float[np.ndarray, "n 3 3"],
-    t: Float[np.ndarray, "n 3"],
-    corners_m: Float[np.ndarray, "n 4 3"],
-    pixels: Float[np.ndarray, "n 4 2"],
-    camera: Camera,
-    whiten: Float[np.ndarray, "n 8 8"] | None,
-) -> tuple[Float[np.ndarray, "n 8"], Float[np.ndarray, "n 8 6"], Bool[np.ndarray, "n"]]:
-    residual, jacobian, ok = _linearise(R, t, corners_m, pixels, camera)
-    if whiten is None:
-        return residual, jacobian, ok
-    return (whiten @ residual[..., None])[..., 0], whiten @ jacobian, ok
-
-
-def _linearise(
-    R: Float[np.ndarray, "n 3 3"],
-    t: Float[np.ndarray, "n 3"],
-    corners_m: Float[np.ndarray, "n 4 3"],
-    pixels: Float[np.ndarray, "n 4 2"],
-    camera: Camera,
-) -> tuple[Float[np.ndarray, "n 8"], Float[np.ndarray, "n 8 6"], Bool[np.ndarray, "n"]]:
-    """Reprojection residuals, their derivative, and whether all four corners are in front of the camera."""
-    turned = corners_m @ np.swapaxes(R, 1, 2)
-    points = turned + t[:, None]
-    finite = np.all(np.isfinite(points), axis=(1, 2))
-    points = np.where(finite[:, None, None], points, [0.0, 0.0, -1.0])
-    predicted, by_point, in_front = project(points.reshape(-1, 3), camera)
-    by_point = by_point.reshape(-1, 4, 2, 3)
-    # d(Exp(w) R X)/dw = -[R X]_x, and a row r times -[a]_x is the cross product a x r.
-    by_rotation = np.cross(turned[:, :, None], by_point)
-    jacobian = np.concatenate([by_point, by_rotation], axis=3).reshape(-1, 8, 6)
-    jacobian = np.where(finite[:, None, None], jacobian, 0.0)
-    return (predicted.reshape(-1, 4, 2) - pixels).reshape(-1, 8), jacobian, finite & in_front.reshape(-1, 4).all(axis=1)
-
-
-def _invert(information: Float[np.ndarray, "n 6 6"]) -> Float[np.ndarray, "n 6 6"]:
-    """Inverse scaled to unit diagonal first (metres and radians differ in size); NaN where it does not exist."""
-    scale = np.sqrt(np.einsum("nii->ni", information))
-    usable = np.all(np.isfinite(information), axis=(1, 2)) & np.all(scale > 0.0, axis=1)
-    scale = np.where(usable[:, None], scale, 1.0)
-    unit = np.where(usable[:, None, None], information, np.eye(6)) / scale[:, :, None] / scale[:, None, :]
-    usable &= np.linalg.cond(unit) < 1e12
-    inverse = np.linalg.inv(np.where(usable[:, None, None], unit, np.eye(6))) / scale[:, :, None] / scale[:, None, :]
-    return np.where(usable[:, None, None], inverse, np.nan)

@@ -70,6 +70,9 @@ def detect(
     family: Annotated[
         list[str] | None, typer.Option(help="Family of markers, may be repeated; default apriltag_36h11.")
     ] = None,
+    decoder: Annotated[
+        str | None, typer.Option(help="What finds printed markers: opencv (default), kornia or both.")
+    ] = None,
     hsv: Annotated[
         str | None,
         typer.Option(
@@ -89,16 +92,25 @@ def detect(
     topic: Annotated[list[str] | None, typer.Option(metavar="TOPIC=CAMERA", help="Of a bag; may be repeated.")] = None,
     workers: Annotated[int | None, typer.Option(min=1, max=256, help="Processes that detect.")] = None,
     overlays: Annotated[str | None, typer.Option(help="Pictures of detections, at most; or all. Default 12.")] = None,
+    tune: Annotated[
+        bool, typer.Option("--tune", help="Fit the colour range to a folder of labelled images, and stop.")
+    ] = False,
     set_: Annotated[
         list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Replace one value of the config.")
     ] = None,
     quiet: Annotated[bool, typer.Option("--quiet", help="Print errors only.")] = False,
 ) -> None:
     """Find markers in images: corners, poses, pictures. Killed and started again, it goes on where it was."""
+    if tune:
+        from jaxgeo.cli.tune import tune_folder
+
+        tune_folder(source, out, hsv, quiet)
+        return
     from jaxgeo.cli.detect import DetectOptions, detect_images
 
     options = DetectOptions(
         family=family or (),
+        decoder=decoder,
         hsv=hsv,
         polarity=polarity,
         rig=rig,
@@ -191,6 +203,32 @@ def demo(
     from jaxgeo.simulate import simulate_session, write_session_files
 
     run_config(write_session_files(simulate_session(seed), out / "session"), out, [], quiet)
+
+
+@app.command(name="marker-map")
+def marker_map(
+    corners: Annotated[Path, typer.Argument(help="Marker corners (CSV), as jaxgeo detect writes them.")],
+    rig: Annotated[Path, typer.Option(help="The cameras (YAML).")],
+    size: Annotated[float, typer.Option(metavar="M", help="Side of the markers.")],
+    out: Annotated[Path, typer.Option(help="Folder for the outputs.")] = Path("out/marker_map"),
+    origin: Annotated[str | None, typer.Option(help="The marker that is the frame; default: the most seen.")] = None,
+    only: Annotated[str | None, typer.Option(metavar="ID,ID,..", help="Map these markers only.")] = None,
+    refine_camera: Annotated[
+        bool, typer.Option("--refine-camera", help="Estimate focal scale, principal point, k1 and k2 too.")
+    ] = False,
+    pixel_sigma: Annotated[float, typer.Option(metavar="PX", help="Sigma of corners without a column sigma_px.")] = 0.3,
+    floor: Annotated[
+        float, typer.Option(metavar="PX", min=0.0, help="Added in quadrature to every corner's sigma: lens, print.")
+    ] = 0.1,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Print errors only.")] = False,
+) -> None:
+    """Map markers from photographs alone: poses of all markers and images, without survey or odometry."""
+    from jaxgeo.cli.marker_map import map_markers
+    from jaxgeo.solve.marker_map import MapSettings
+
+    settings = MapSettings(floor_px=floor, refine_camera=refine_camera, origin=origin)
+    chosen = [] if only is None else [name.strip() for name in only.split(",")]
+    map_markers(corners, rig, size, out, settings, pixel_sigma_px=pixel_sigma, only=chosen, quiet=quiet)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

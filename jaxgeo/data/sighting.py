@@ -15,7 +15,8 @@ class CornerSightings(eqx.Module):
         corners_px: (n, 4, 2) raw (distorted) pixels, in the marker-frame order
             (-s/2,-s/2), (s/2,-s/2), (s/2,s/2), (-s/2,s/2).
         source: where row i came from, for messages: "file:line".
-        covariance_px2: (n, 8, 8) of the corner coordinates (u0, v0, u1, v1, ..); None where not known.
+        covariance_px2: (n, 8, 8) of the corner coordinates (u0, v0, u1, v1, ..); None where not known, rows of NaN
+            where only some are.
     """
 
     stamp_s: Float[np.ndarray, "n"]

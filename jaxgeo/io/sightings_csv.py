@@ -20,7 +20,7 @@ QUATERNION = ("qw", "qx", "qy", "qz")
 LARGEST_PIXEL = 1e5
 SMALLEST_EDGE_PX = 1e-3
 
-CORNER_ROLES = {role: (role,) for role in ("stamp_s", "camera", "marker", *CORNERS)}
+CORNER_ROLES = {role: (role,) for role in ("stamp_s", "camera", "marker", *CORNERS, "sigma_px")}
 POSE_ROLES = {
     role: (role,)
     for role in (
@@ -42,7 +42,9 @@ def read_corner_sightings(
 
     Args:
         path: the table: `stamp_s, camera, marker, u0, v0 .. u3, v3`, pixels, corners in the order of `CornerSightings`;
-            without a column `marker` the ids are unknown.
+            without a column `marker` the ids are unknown. A column `sigma_px` is the standard deviation of each of the
+            row's eight coordinates, and becomes `covariance_px2` = sigma_px^2 I; NaN in rows where its cell is empty,
+            None where all are.
         columns: role -> header name or 0-based index; default: by header.
         delimiter: one character; default: guessed.
         camera: the camera of all rows, for a table without that column.
@@ -57,6 +59,7 @@ def read_corner_sightings(
     check_seconds(path, table.line, values[:, 0], SightingError)
     corners_px = values[:, 1:].reshape(-1, 4, 2)
     _check_corners(table, corners_px)
+    covariance_px2 = _corner_covariances(table, roles)
     order = np.argsort(values[:, 0], kind="stable")
     return CornerSightings(
         stamp_s=values[order, 0],
@@ -64,6 +67,7 @@ def read_corner_sightings(
         marker=_markers(table, roles)[order],
         corners_px=corners_px[order],
         source=row_sources(table)[order],
+        covariance_px2=None if covariance_px2 is None else covariance_px2[order],
     )
 
 
@@ -118,11 +122,17 @@ def read_pose_sightings(
 
 
 def write_corner_sightings(path: str | Path, sightings: CornerSightings) -> None:
-    """Write marker corners as `read_corner_sightings` reads them, all digits."""
-    corners = sightings.corners_px.reshape(-1, 8).tolist()
-    cells = zip(sightings.stamp_s.tolist(), sightings.camera, sightings.marker, corners, strict=True)
-    rows = ([repr(stamp), _name(camera), _name(marker), *map(repr, row)] for stamp, camera, marker, row in cells)
-    write_lines(path, _comma_lines(("stamp_s", "camera", "marker", *CORNERS), rows))
+    """Write marker corners as `read_corner_sightings` reads them, all digits.
+
+    Of a covariance the table keeps `sigma_px` alone, the root of the mean of its eight variances.
+    """
+    numbers, header = sightings.corners_px.reshape(-1, 8), ("stamp_s", "camera", "marker", *CORNERS)
+    if sightings.covariance_px2 is not None:
+        sigma_px = np.sqrt(np.trace(sightings.covariance_px2, axis1=1, axis2=2) / 8.0)
+        numbers, header = np.column_stack([numbers, sigma_px]), (*header, "sigma_px")
+    cells = zip(sightings.stamp_s.tolist(), sightings.camera, sightings.marker, numbers.tolist(), strict=True)
+    rows = ([repr(stamp), _name(camera), _name(marker), *map(_number, row)] for stamp, camera, marker, row in cells)
+    write_lines(path, _comma_lines(header, rows))
 
 
 def write_pose_sightings(path: str | Path, sightings: Sightings) -> None:
@@ -172,6 +182,18 @@ def _check_corners(table: TextTable, corners_px: Float[np.ndarray, "n 4 2"]) -> 
             f"{table.place(int(np.argmax(crossed)))}: the outline of the four corners crosses itself; expected the "
             "corners in order round the marker. Check the columns."
         )
+
+
+def _corner_covariances(table: TextTable, roles: Mapping[str, int]) -> Float[np.ndarray, "n 8 8"] | None:
+    sigma_px = optional_column(table, roles, "sigma_px", np.nan)
+    bad = ~np.isnan(sigma_px) & ~(np.isfinite(sigma_px) & (sigma_px > 0.0))
+    if bad.any():
+        row = int(np.argmax(bad))
+        raise SightingError(
+            f"{table.place(row)}: sigma_px is {sigma_px[row]:g}; expected the standard deviation of the corners, above "
+            "zero, in pixels, or an empty cell where it is not known."
+        )
+    return None if np.isnan(sigma_px).all() else sigma_px[:, None, None] ** 2 * np.eye(8)
 
 
 def _cameras(

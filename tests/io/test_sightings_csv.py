@@ -76,6 +76,27 @@ def test_camera_and_marker_may_be_left_out(tmp_path: Path) -> None:
         read_corner_sightings(write(tmp_path, CORNER_HEADER + f"1,c,7,{SQUARE}\n"), camera="cam0")
 
 
+def test_a_corner_sigma_becomes_a_covariance_and_survives_a_round_trip(tmp_path: Path) -> None:
+    header = CORNER_HEADER.replace("\n", ",family,sigma_px\n")
+    rows = [f"{stamp},cam0,7,{SQUARE},36h11,{sigma}\n" for stamp, sigma in ((2, "0.25"), (1, ""), (3, "0.5"))]
+    read = read_corner_sightings(write(tmp_path, header + "".join(rows)))
+    assert read.covariance_px2 is not None
+    assert np.isnan(read.covariance_px2[0]).all()
+    np.testing.assert_array_equal(read.covariance_px2[1:], np.array([0.0625, 0.25])[:, None, None] * np.eye(8))
+    write_corner_sightings(tmp_path / "again.csv", read)
+    again = read_corner_sightings(tmp_path / "again.csv")
+    assert again.covariance_px2 is not None
+    np.testing.assert_allclose(again.covariance_px2, read.covariance_px2, rtol=1e-15)
+    np.testing.assert_array_equal(again.corners_px, read.corners_px)
+    none = read_corner_sightings(write(tmp_path, header + rows[1]))
+    assert none.covariance_px2 is None
+    for bad in ("0", "-0.1"):
+        with pytest.raises(
+            SightingError, match=rf"sightings\.csv:2: sigma_px is {bad}; expected the standard deviation"
+        ):
+            read_corner_sightings(write(tmp_path, header + f"1,cam0,7,{SQUARE},36h11,{bad}\n"))
+
+
 @pytest.mark.parametrize(
     ("row", "message"),
     [
