@@ -10,7 +10,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from jaxgeo.associate import corners_to_sightings
+from jaxgeo.associate import AmbiguityRule, corners_to_sightings
 from jaxgeo.cli.detected_corners import corner_sightings, sigma_px, write_corners
 from jaxgeo.cli.detection_job import DetectionJob, settings_values
 from jaxgeo.cli.detection_record import DetectionRecord, FrameRecord
@@ -56,7 +56,9 @@ def detected(
     corners = corner_sightings(record.frames, len(job.settings.families) > 1, time_offset_s)
     if job.rig is None or marker_size_m is None:
         return Detected(corners, None, record_words(record))
-    sightings, said = corners_to_sightings(corners, job.rig, marker_size_m, pixel_sigma_px)
+    sightings, said = corners_to_sightings(
+        corners, job.rig, marker_size_m, pixel_sigma_px, ambiguity_rule=AmbiguityRule()
+    )
     return Detected(corners, sightings, (*record_words(record), *said))
 
 

@@ -106,7 +106,7 @@ def _reciprocals(scale: float, device: Any) -> Any:
 def _libraries() -> tuple[Any, Any]:
     try:
         import kornia
-            import torch
+        import torch
     except ImportError:
         raise DetectError(
             "masks of many frames at once need torch and kornia, which are not both installed: "

@@ -1,11 +1,11 @@
 """What two views through different polarisers do not share: the reflector alone.
 
-Cholesteric reflectors return circularly polarised light of one handedness, everything else (nearly) as much of one as of
-the other. So of two images, through a left-handed and a right-handed polariser, or with and without one, the rest cancels
-and the reflector remains, whatever the colour of the background. Two cameras see the same plane through a homography; one
-camera that switches its polariser sees it at two times.
+Cholesteric reflectors return circularly polarised light of one handedness, everything else (nearly) as much of one as
+of the other. So of two images, through a left-handed and a right-handed polariser, or with and without one, the rest
+cancels and the reflector remains, whatever the colour of the background. Two cameras see the same plane through a
+homography; one camera that switches its polariser sees it at two times.
 
-Method of the iMarker sensors: Tourani et al., "Unveiling the Potential of iMarkers", 2025.
+Method of the iMarker sensors: Tourani et al., "Unveiling the Potential of iMarkers", arXiv 2501.15505.
 """
 
 import dataclasses
@@ -20,8 +20,8 @@ from jaxgeo.errors import DetectError
 # Pixels near black or white say nothing of the gain; fewer than this share of the rest is no measurement of it.
 _DARK, _BRIGHT = 8.0, 247.0
 _LEAST_SHARE = 0.01
-# Reflector and shadows are a minority that changes: pixels whose ratio is further from the median by this factor are left
-# out, and the median taken again.
+# Reflector and shadows are a minority that changes: pixels whose ratio is further from the median than by this factor
+# are left out, and the median is taken again.
 _LIKE = 1.3
 
 
@@ -106,7 +106,7 @@ def subtract_cameras(
     """
     a, b = _gray(left, "left"), _gray(right, "right")
     H = np.asarray(H_left_right, dtype=np.float64)
-    if H.shape != (3, 3) or not np.isfinite(H).all() or abs(np.linalg.det(H / np.abs(H).max())) < 1e-12:
+    if H.shape != (3, 3) or not np.isfinite(H).all() or np.linalg.matrix_rank(H) < 3:
         raise DetectError(f"subtraction: homography {H.tolist()}; expected 3 x 3 finite numbers, not singular.")
     size = a.shape[::-1]
     warped = cv2.warpPerspective(b, H, size, flags=cv2.INTER_LINEAR)
@@ -127,9 +127,10 @@ def _subtracted(
     settings: SubtractionSettings,
 ) -> Subtracted:
     gain = _gain(a, b, seen)
-    apart = np.abs(a - np.float32(gain) * b)
-    # What is saturated in one image has no counterpart in the other.
-    apart[~seen | (a > _BRIGHT) | (b > _BRIGHT)] = 0.0
+    # Both cut at the lower of the two ceilings: where one image is saturated the other's surplus is no difference.
+    ceiling = np.float32(255.0 * min(1.0, gain))
+    apart = np.abs(np.minimum(a, ceiling) - np.minimum(np.float32(gain) * b, ceiling))
+    apart[~seen] = 0.0
     if settings.blur_px > 0.0:
         apart = cv2.GaussianBlur(apart, (0, 0), settings.blur_px)
         apart[~seen] = 0.0

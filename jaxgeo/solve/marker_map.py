@@ -5,6 +5,7 @@ Start (`marker_map_start`), joint least squares of all image and marker poses on
 """
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -19,6 +20,7 @@ from jaxgeo.errors import ConvergenceError, UndeterminedError
 from jaxgeo.geometry.robust import check_robust, robust_weight
 from jaxgeo.graph.bucket import anchor_bucket, pose_bucket
 from jaxgeo.solve.marker_camera import N_GLOBALS, Lens
+from jaxgeo.solve.marker_map_flips import flipped, flips
 from jaxgeo.solve.marker_map_inputs import MapInputs, MapSettings, map_inputs
 from jaxgeo.solve.marker_map_problem import (
     Frames,
@@ -31,7 +33,6 @@ from jaxgeo.solve.marker_map_problem import (
 )
 from jaxgeo.solve.marker_map_start import (
     Poses,
-    settled,
     sighting_error_px,
     starting_poses,
 )
@@ -39,9 +40,9 @@ from jaxgeo.solve.marker_map_step import CHUNK, MarkerMapLM, linearise, reduced_
 from jaxgeo.solve.solver import result_words, succeeded
 
 _SOLVER = MarkerMapLM()
-_FLIP_ROUNDS = 3
+_MOST_FLIPS = 40  # joint solves of one round
 _SMALLEST_FACTOR = 1e-3  # exact corners: below this the cost is rounding
-_SIGMA_ROUNDS = 6
+_SIGMA_ROUNDS = 8
 _OUTLIER_WEIGHT = 0.5  # a sighting that the robust loss counts less than this is reported as an outlier
 
 
@@ -125,21 +126,24 @@ def build_marker_map(
     factor = max(1.0, _typical_factor(inputs, images, markers))
     for _ in range(_SIGMA_ROUNDS):
         problem = _problem(inputs, images, markers, camera, factor, settings)
-        point, cost, taken, result = _solve_with_flips(problem, inputs, settings)
-        steps += taken
-        residual = np.asarray(whitened(point, problem))[inputs.slot[0], inputs.slot[1]]
+        solved = _solve(problem, settings.max_steps)
+        residual = np.asarray(whitened(solved.point, problem))[inputs.slot[0], inputs.slot[1]]
         found = factor * _sigma_factor(residual, _n_unknowns(inputs, settings))
-        images, markers, camera = _numpy_poses(point.images), _numpy_poses(point.markers), np.asarray(point.camera)
-        images, markers = _trimmed(images, markers, inputs)
-        if abs(np.log(found / factor)) < 0.02 or factor == _SMALLEST_FACTOR:
+        stands, fell = abs(np.log(found / factor)) < 0.02 or factor == _SMALLEST_FACTOR, False
+        if stands:
+            solved, fell = _with_flips(solved, problem, inputs, settings)
+        steps += int(solved.steps)
+        (images, markers), camera = _poses(solved.point, inputs), np.asarray(solved.point.camera)
+        if stands and not fell:
             break
         factor = max(found, _SMALLEST_FACTOR)
-    if not bool(succeeded(result)):
+    if not bool(succeeded(solved.result)):
         raise ConvergenceError(
-            f"the marker map did not converge: {result_words(result)} after {taken} of {settings.max_steps} steps at "
-            f"cost {cost:.6g}. Check the side length, the intrinsics and ids that two markers share."
+            f"the marker map did not converge: {result_words(solved.result)} after {steps} steps (at most "
+            f"{settings.max_steps} a solve) at cost {float(solved.cost):.6g}. Check the side length, the intrinsics "
+            "and ids that two markers share."
         )
-    return _marker_map(inputs, point, problem, factor, cost, steps, settings)
+    return _marker_map(inputs, solved.point, problem, factor, float(solved.cost), steps, settings)
 
 
 def _n_unknowns(inputs: MapInputs, settings: MapSettings) -> int:
@@ -213,32 +217,40 @@ def _trimmed(images: Poses, markers: Poses, inputs: MapInputs) -> tuple[Poses, P
     return Poses(images.R[:i], images.t[:i]), Poses(markers.R[:m], markers.t[:m])
 
 
+class _Solved(NamedTuple):
+    """A joint solve: where it ended, half the sum of the losses, trial steps, result code."""
+
+    point: MapPoint
+    cost: Array
+    steps: Array
+    result: optx.RESULTS
+
+
 @eqx.filter_jit
-def _solve(problem: MapProblem, max_steps: int) -> tuple[MapPoint, Array, Array, optx.RESULTS]:
+def _solve(problem: MapProblem, max_steps: int) -> _Solved:
     found = optx.least_squares(residuals, _SOLVER, zero_unknowns(problem), problem, max_steps=max_steps, throw=False)
-    return found.state.point, found.state.cost, found.stats["num_steps"], found.result
+    return _Solved(found.state.point, found.state.cost, found.stats["num_steps"], found.result)
 
 
-def _solve_with_flips(
-    problem: MapProblem, inputs: MapInputs, settings: MapSettings
-) -> tuple[MapPoint, float, int, optx.RESULTS]:
-    """The joint solve; then poses that single sightings propose are tried, and kept where the cost falls."""
-    point, cost, steps, result = _solve(problem, settings.max_steps)
-    taken = int(steps)
-    for _ in range(_FLIP_ROUNDS):
-        images, markers = _trimmed(_numpy_poses(point.images), _numpy_poses(point.markers), inputs)
-        other = settled(inputs.candidates, images, markers, inputs.origin)
-        if all(np.array_equal(a.R, b.R) for a, b in zip(other, (images, markers), strict=True)):
-            break
+def _with_flips(found: _Solved, problem: MapProblem, inputs: MapInputs, settings: MapSettings) -> tuple[_Solved, bool]:
+    """Joint solves from the likeliest other minima of single poses, kept where the cost falls; and whether it fell."""
+    fell = False
+    for tried in flips(inputs.candidates, *_poses(found.point, inputs), inputs.origin)[:_MOST_FLIPS]:
+        images, markers = flipped(tried, *_poses(found.point, inputs))
         base = MapPoint(
-            _frames(other[0], problem.marker.shape[0]), _frames(other[1], problem.free.shape[0]), point.camera
+            _frames(images, problem.marker.shape[0]), _frames(markers, problem.free.shape[0]), found.point.camera
         )
         retried = _solve(eqx.tree_at(lambda p: p.base, problem, base), settings.max_steps)
-        taken += int(retried[2])
-        if not float(retried[1]) < float(cost) * (1.0 - 1e-6):
-            break
-        point, cost, _, result = retried
-    return point, float(cost), taken, result
+        steps = found.steps + retried.steps
+        if float(retried.cost) < float(found.cost) * (1.0 - 1e-6):
+            found, fell = retried, True
+        found = found._replace(steps=steps)
+    return found, fell
+
+
+def _poses(point: MapPoint, inputs: MapInputs) -> tuple[Poses, Poses]:
+    """Of images and markers, without the padding."""
+    return _trimmed(_numpy_poses(point.images), _numpy_poses(point.markers), inputs)
 
 
 @eqx.filter_jit

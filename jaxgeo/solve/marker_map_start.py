@@ -52,7 +52,7 @@ def groups_seen_together(
 ) -> list[Int[np.ndarray, "g"]]:
     """Markers in groups linked by images that show two of them, the largest first."""
     group = np.arange(n_markers)
-    for rows in _rows_by(image):
+    for rows in rows_by(image):
         linked = np.isin(group, group[marker[rows]])
         group[linked] = group[linked].min() if linked.any() else 0
     found = [np.flatnonzero(group == name) for name in np.unique(group)]
@@ -81,10 +81,10 @@ def settled(
     markers = Poses(markers.R.copy(), markers.t.copy())
     for turn in range(_ROUNDS):
         changed = False
-        for image, rows in zip(np.unique(candidates.image), _rows_by(candidates.image), strict=True):
+        for image, rows in zip(np.unique(candidates.image), rows_by(candidates.image), strict=True):
             keep = images_known or turn > 0
             changed |= _improve_image(candidates, images, markers, int(image), rows, keep)
-        for marker, rows in zip(np.unique(candidates.marker), _rows_by(candidates.marker), strict=True):
+        for marker, rows in zip(np.unique(candidates.marker), rows_by(candidates.marker), strict=True):
             if marker != origin:
                 changed |= _improve_marker(candidates, images, markers, int(marker), rows)
         if not changed:
@@ -161,7 +161,7 @@ class _Edge(NamedTuple):
 
 def _edges(c: Candidates) -> list[_Edge]:
     pairs: dict[tuple[int, int], list[tuple[int, int]]] = {}
-    for rows in _rows_by(c.image):
+    for rows in rows_by(c.image):
         for first in rows.tolist():
             for second in rows.tolist():
                 if c.marker[first] < c.marker[second]:
@@ -210,7 +210,7 @@ def _along_tree(edges: Sequence[_Edge], n_markers: int, origin: int) -> Poses:
     return Poses(R, t)
 
 
-def _rows_by(label: Int[np.ndarray, "s"]) -> list[Int[np.ndarray, "r"]]:
+def rows_by(label: Int[np.ndarray, "s"]) -> list[Int[np.ndarray, "r"]]:
     """Rows of each distinct label, labels ascending."""
     order = np.argsort(label, kind="stable")
     return np.split(order, np.flatnonzero(np.diff(label[order])) + 1)

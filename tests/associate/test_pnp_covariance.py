@@ -72,10 +72,10 @@ def test_pose_and_covariance_equal_scipys_weighted_least_squares():
 def test_one_sigma_as_covariance_is_that_sigma():
     corners, _, _ = _scene(np.random.default_rng(1), np.full(50, 80.0), np.full(50, 0.6), 0.3)
     plain = dataclasses.replace(corners, covariance_px2=None)
-    same = dataclasses.replace(corners, covariance_px2=np.repeat(0.3**2 * np.eye(8)[None], 50, axis=0))
-    some = dataclasses.replace(
-        same, covariance_px2=np.where(np.arange(50)[:, None, None] % 2, np.nan, same.covariance_px2)
-    )
+    covariance = np.repeat(0.3**2 * np.eye(8)[None], 50, axis=0)
+    same = dataclasses.replace(corners, covariance_px2=covariance.copy())
+    covariance[1::2] = np.nan
+    some = dataclasses.replace(corners, covariance_px2=covariance)
     expected, _ = corners_to_sightings(plain, rig("radtan"), SIDE_M, 0.3)
     for given in (same, some):
         found, _ = corners_to_sightings(given, rig("radtan"), SIDE_M, 0.3)

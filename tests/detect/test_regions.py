@@ -1,13 +1,22 @@
 """Regions: every marker lies in one, camouflage alone has hardly any (simulated)."""
 
 import numpy as np
-from test_subtraction import CAMERA
 
+from jaxgeo.data import Camera
 from jaxgeo.detect.mask import MaskSettings
 from jaxgeo.detect.regions import find_regions
 from jaxgeo.simulate.camouflage import camouflage
 from jaxgeo.simulate.image_conditions import developed, sample_conditions
 from jaxgeo.simulate.marker_image import render_marker_image, sample_marker
+
+CAMERA = Camera(
+    intrinsics_px=np.array([260.0, 260.0, 160.0, 120.0]),
+    distortion_model="none",
+    distortion=np.zeros(0),
+    resolution_px=(320, 240),
+    t_body_cam_m=np.zeros(3),
+    quat_body_cam_wxyz=np.array([1.0, 0.0, 0.0, 0.0]),
+)
 
 
 def test_a_marker_of_any_size_lies_wholly_in_a_region():
