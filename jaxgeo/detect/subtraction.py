@@ -20,9 +20,6 @@ from jaxgeo.errors import DetectError
 # Pixels near black or white say nothing of the gain; fewer than this share of the rest is no measurement of it.
 _DARK, _BRIGHT = 8.0, 247.0
 _LEAST_SHARE = 0.01
-# Reflector and shadows are a minority that changes: pixels whose ratio is further from the median than by this factor
-# are left out, and the median is taken again.
-_LIKE = 1.3
 
 
 @dataclasses.dataclass(frozen=True)
@@ -144,17 +141,14 @@ def _subtracted(
 
 
 def _gain(a: Float32[np.ndarray, "h w"], b: Float32[np.ndarray, "h w"], seen: Bool[np.ndarray, "h w"]) -> float:
-    """Median of a / b over well exposed pixels, then over those near that median: the reflector has another ratio."""
-    usable = seen & (a > _DARK) & (a < _BRIGHT) & (b > _DARK) & (b < _BRIGHT)
+    """Median of a / b over well exposed pixels: the reflector, whose ratio is another, is a minority."""
+    usable = (a > _DARK) & (a < _BRIGHT) & (b > _DARK) & (b < _BRIGHT)
     if np.count_nonzero(usable) < _LEAST_SHARE * np.count_nonzero(seen):
         raise DetectError(
             "subtraction: fewer than 1 % of the pixels are well exposed (gray levels 8 to 247) in both images, so "
             "their brightness cannot be matched; expected two ordinary exposures of one scene."
         )
-    ratio = a[usable] / b[usable]
-    first = np.median(ratio)
-    like = ratio[(ratio > first / _LIKE) & (ratio < first * _LIKE)]
-    return float(np.median(like))
+    return float(np.median(a[usable] / b[usable]))
 
 
 def _gray(image: UInt8[np.ndarray, "h w ..."], name: str) -> Float32[np.ndarray, "h w"]:

@@ -147,7 +147,7 @@ def test_real_sightings_of_a_walk_are_decided_rightly():
         _angle(s, Rotation.from_matrix(R_body_tag.as_matrix()[s.source.astype(int)])) > np.deg2rad(15.0)
         for s in (alone, found)
     )
-    # Measured: 49 % ambiguous and 3.7 % turned by more than 15 degrees before, 11 % and 0.6 % after.
+    # Measured: 49 % ambiguous and 3.5 % turned by more than 15 degrees before, 11 % and 0.3 % after.
     assert alone.ambiguous.mean() > 0.45
     assert found.ambiguous.mean() < 0.15
     assert before.mean() > 0.03

@@ -1,10 +1,25 @@
+"""Pairs through two polarisers: the reflector remains, whatever light the polarisers take (simulated)."""
+
 import cv2
 import numpy as np
 import pytest
 
+from jaxgeo.data import Camera
+from jaxgeo.detect import Detector, DetectorSettings
 from jaxgeo.detect.subtraction import SubtractionSettings, subtract_cameras, subtract_in_time
 from jaxgeo.errors import DetectError
+from jaxgeo.simulate.camouflage import camouflage
+from jaxgeo.simulate.image_conditions import ImageConditions, developed
+from jaxgeo.simulate.marker_image import render_marker_image, sample_marker
 
+CAMERA = Camera(
+    intrinsics_px=np.array([260.0, 260.0, 160.0, 120.0]),
+    distortion_model="none",
+    distortion=np.zeros(0),
+    resolution_px=(320, 240),
+    t_body_cam_m=np.zeros(3),
+    quat_body_cam_wxyz=np.array([1.0, 0.0, 0.0, 0.0]),
+)
 H_LEFT_RIGHT = np.array([[1.02, 0.03, -7.0], [-0.02, 0.99, 4.0], [1e-5, 2e-5, 1.0]])
 
 
@@ -78,10 +93,42 @@ def test_two_cameras_are_laid_over_each_other():
 
 def test_where_only_one_camera_looks_nothing_is_found():
     left, right = np.full((60, 80), 90, np.uint8), np.full((60, 80), 90, np.uint8)
-    left[10:20, 5:15] = 200  # beyond the right camera's picture
+    left[10:20, 5:15] = 200  # beyond the right camera's picture, which begins at 30
+    left[30:40, 25:45] = 200  # partly within it
     moved = np.array([[1.0, 0.0, 30.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
-    assert not subtract_cameras(left, right, moved).difference.any()
-    assert subtract_cameras(left, right, np.eye(3)).mask[15, 10] == 255
+    found = subtract_cameras(left, right, moved)
+    assert not found.difference[:, :30].any()
+    assert not found.difference[:25].any()
+    assert found.mask[35, 35] == 255
+
+
+def test_otsu_counts_only_what_both_cameras_see():
+    rng = np.random.default_rng(4)
+    left, right = (rng.normal(100, 1, (60, 200)).astype(np.uint8) for _ in range(2))
+    left[:, 180:190] += 40
+    left[:, 190:] += 100
+    moved = np.array([[1.0, 0.0, 180.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    found = subtract_cameras(left, np.roll(right, -180, axis=1), moved)
+    alone = subtract_in_time(left[:, 180:], right[:, 180:], SubtractionSettings())
+    assert found.threshold == pytest.approx(alone.threshold, abs=2.0)
+
+
+def test_a_marker_hidden_in_both_images_is_read_from_their_difference():
+    rng = np.random.default_rng(5)
+    canvas = camouflage(rng, 240, 320)
+    marker = sample_marker(rng, CAMERA, "apriltag_36h11", 77, 80.0, most_tilt_rad=0.7, look="printed")
+    shape = render_marker_image(rng, CAMERA, np.full_like(canvas, 226.0), [marker], ImageConditions())
+    ink = shape.bgr.max(axis=2, keepdims=True) < 128
+    noise, none = ImageConditions(defocus_px=0.5, read_noise=1.5), np.zeros((0, 4, 2))
+    on = developed(rng, np.where(ink, canvas + 20.0, canvas).astype(np.float32), none, noise)
+    off = developed(rng, (0.67 * canvas).astype(np.float32), none, noise)
+    detector = Detector(DetectorSettings())
+    assert len(detector(on)) == len(detector(off)) == 0
+    difference = subtract_in_time(on, off).difference
+    # Reflector is bright in the difference: turned round, a marker is black on white.
+    found = detector(cv2.bitwise_not(cv2.normalize(difference, None, 0, 255, cv2.NORM_MINMAX)))
+    assert found.marker.tolist() == [77]
+    assert np.abs(found.corners_px - shape.corners_px).max() < 1.0
 
 
 @pytest.mark.parametrize(
