@@ -40,7 +40,7 @@ from jaxgeo.solve.marker_map_step import CHUNK, MarkerMapLM, linearise, reduced_
 from jaxgeo.solve.solver import result_words, succeeded
 
 _SOLVER = MarkerMapLM()
-_MOST_FLIPS = 40  # joint solves of one round
+_MOST_FLIPS = 12  # joint solves of one round; the likeliest are first in line
 _SMALLEST_FACTOR = 1e-3  # exact corners: below this the cost is rounding
 _SIGMA_ROUNDS = 8
 _OUTLIER_WEIGHT = 0.5  # a sighting that the robust loss counts less than this is reported as an outlier

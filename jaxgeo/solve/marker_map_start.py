@@ -66,12 +66,10 @@ def starting_poses(candidates: Candidates, n_images: int, n_markers: int, origin
     """
     markers = _along_tree(_edges(candidates), n_markers, origin)
     images = Poses(np.tile(np.eye(3), (n_images, 1, 1)), np.zeros((n_images, 3)))
-    return settled(candidates, images, markers, origin, images_known=False)
+    return _settled(candidates, images, markers, origin)
 
 
-def settled(
-    candidates: Candidates, images: Poses, markers: Poses, origin: int, images_known: bool = True
-) -> tuple[Poses, Poses]:
+def _settled(candidates: Candidates, images: Poses, markers: Poses, origin: int) -> tuple[Poses, Poses]:
     """Image by image and marker by marker, the pose among all that single sightings propose which fits best.
 
     The fit is the sum over the sightings of the mean squared reprojection error, each at most 20 px. Repeated until
@@ -82,8 +80,7 @@ def settled(
     for turn in range(_ROUNDS):
         changed = False
         for image, rows in zip(np.unique(candidates.image), rows_by(candidates.image), strict=True):
-            keep = images_known or turn > 0
-            changed |= _improve_image(candidates, images, markers, int(image), rows, keep)
+            changed |= _improve_image(candidates, images, markers, int(image), rows, keep=turn > 0)
         for marker, rows in zip(np.unique(candidates.marker), rows_by(candidates.marker), strict=True):
             if marker != origin:
                 changed |= _improve_marker(candidates, images, markers, int(marker), rows)

@@ -1,4 +1,4 @@
-"""A screen capture of a real iMarker: invisible to the eye, its lines stand out of the mask of the board they lie on."""
+"""A screen capture of a real iMarker: invisible to the eye, its lines are holes in the mask of their board."""
 
 import cv2
 import numpy as np
