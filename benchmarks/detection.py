@@ -134,10 +134,10 @@ def pose_honesty(rows: list[tuple[float, MarkerImage, Detections, int]]) -> dict
     value, large = np.array(nees), np.array(sides) >= 40.0
     band = chi2.ppf([0.025, 0.975], 6)
     return {
-        "pose_nees": float(value[large].mean()),
-        "pose_nees_all": float(value.mean()),
-        "pose_nees_in_band": float(np.mean((value[large] > band[0]) & (value[large] < band[1]))),
-        "pose_nees_mean_band": [float(x) / int(large.sum()) for x in chi2.ppf([0.025, 0.975], 6 * int(large.sum()))],
+        "pose_nees": float(value.mean()),
+        "pose_nees_mean_band": [float(x) / n for x in chi2.ppf([0.025, 0.975], 6 * n)],
+        "pose_nees_40px": float(value[large].mean()),
+        "poses_in_own_band": float(np.mean((value > band[0]) & (value < band[1]))),
         "poses": n,
         "poses_ambiguous": int(sightings.ambiguous.sum()),
     }

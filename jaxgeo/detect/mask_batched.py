@@ -1,6 +1,6 @@
 """The masks of `mask` for many frames at once, on the CPU or a GPU: for recorded video (extra `vision`).
 
-The only file that imports kornia. Frames are torch tensors, red first, as a video decoder leaves them on a GPU;
+Frames are torch tensors, red first, as a video decoder leaves them on a GPU;
 `mask` works on OpenCV's blue-first arrays. Both give the same masks, byte for byte: a range chosen on one picture
 holds for the batch.
 """

@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 from jaxgeo.associate.camera_model import project, undistort
 from jaxgeo.associate.planar import UNIT_CORNERS
 from jaxgeo.data import Camera
+from jaxgeo.errors import DetectError
 from jaxgeo.simulate.image_conditions import ImageConditions, developed
 from jaxgeo.simulate.marker_pattern import black_cells, texture
 
@@ -70,13 +71,14 @@ def render_marker_image(
         background: B, G, R, 0 to 255, as large as the image (`camouflage`).
 
     Raises:
-        ValueError: a marker that is not wholly in front of the camera and within its lens model.
+        DetectError: a marker that is not wholly in front of the camera and within its lens model, or shows its back.
     """
     scene = background.astype(np.float32, copy=True)
     corners = np.zeros((len(markers), 4, 2))
     for row, marker in enumerate(markers):
         corners[row] = marker_corners_px(camera, marker)
-        _paint(scene, camera, marker, corners[row])
+    for row in sorted(range(len(markers)), key=lambda i: -markers[i].t_cam_marker_m[2]):  # the nearest last
+        _paint(scene, camera, markers[row], corners[row])
     return MarkerImage(developed(rng, scene, corners, conditions), tuple(markers), corners)
 
 
@@ -86,7 +88,11 @@ def marker_corners_px(camera: Camera, marker: PlacedMarker) -> Float[np.ndarray,
     points = (marker.size_m * np.column_stack([UNIT_CORNERS, np.zeros(4)])) @ R.T + marker.t_cam_marker_m
     pixels, _, ok = project(points, camera)
     if not np.all(ok):
-        raise ValueError("the marker is not wholly in front of the camera and within the range of its lens model")
+        raise DetectError(
+            f"marker {marker.marker} is not wholly in front of the camera and within the range of its lens model."
+        )
+    if R[:, 2] @ marker.t_cam_marker_m >= 0.0:
+        raise DetectError(f"marker {marker.marker} shows its back; expected its z axis towards the camera.")
     return pixels
 
 
@@ -135,6 +141,8 @@ def _paint(
     reach = (corners_px - middle) * grow * 1.1
     low = np.maximum(np.floor(middle + reach.min(axis=0)).astype(int) - _ROOM_PX, 0)
     high = np.minimum(np.ceil(middle + reach.max(axis=0)).astype(int) + _ROOM_PX + 1, scene.shape[1::-1])
+    if np.any(high <= low):
+        return  # wholly beside the image
     at_cells = _cell_coordinates(camera, marker, low, high, cells)
     side_px = np.linalg.norm(np.roll(corners_px, -1, axis=0) - corners_px, axis=1).max()
     texels = int(np.clip(np.ceil(_SAMPLES * side_px / cells), 4, 64))

@@ -1,5 +1,7 @@
 """Simulated marker images: their truth is true, to a hundredth of a pixel."""
 
+import dataclasses
+
 import cv2
 import numpy as np
 import pytest
@@ -9,6 +11,7 @@ from jaxgeo.associate.planar import UNIT_CORNERS
 from jaxgeo.data import Camera
 from jaxgeo.detect import GREEN, Detector, DetectorSettings, MaskSettings
 from jaxgeo.detect.mask import hsv_mask
+from jaxgeo.errors import DetectError
 from jaxgeo.simulate.camouflage import camouflage
 from jaxgeo.simulate.image_conditions import ImageConditions, developed, motion_kernel, sample_conditions
 from jaxgeo.simulate.marker_image import marker_corners_px, render_marker_image, sample_marker
@@ -151,7 +154,17 @@ def test_a_leaf_hides_the_share_asked_for():
 def test_a_marker_behind_the_camera_is_refused():
     rng = np.random.default_rng(9)
     marker = sample_marker(rng, camera(), "4x4_50", 1, 40.0)
-    with pytest.raises(ValueError, match="wholly in front of the camera"):
-        marker_corners_px(camera(), type(marker)(**{**vars(marker), "t_cam_marker_m": -marker.t_cam_marker_m}))
-    with pytest.raises(IndexError, match="ids 0 to 49, not 50"):
+    with pytest.raises(DetectError, match="wholly in front of the camera"):
+        marker_corners_px(camera(), dataclasses.replace(marker, t_cam_marker_m=-marker.t_cam_marker_m))
+    with pytest.raises(DetectError, match="shows its back"):
+        marker_corners_px(camera(), dataclasses.replace(marker, quat_cam_marker_wxyz=np.array([1.0, 0.0, 0.0, 0.0])))
+    with pytest.raises(DetectError, match="ids 0 to 49, not 50"):
         black_cells("4x4_50", 50)
+
+
+def test_a_marker_beside_the_image_leaves_it_as_it_was():
+    rng = np.random.default_rng(9)
+    marker = sample_marker(rng, camera("none"), "4x4_50", 1, 40.0, most_tilt_rad=0.1)
+    beside = dataclasses.replace(marker, t_cam_marker_m=np.array([3.0, 0.0, 1.0]))
+    image = render_marker_image(rng, camera("none"), plain_background(), [beside], ImageConditions())
+    assert np.all(image.bgr == 200)
