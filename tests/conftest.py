@@ -12,6 +12,9 @@ from pathlib import Path
 # Most of a cold run is compiling, each program for a few calls: half of LLVM's work on them is not worth its time.
 os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --xla_backend_optimization_level=0".strip()
 
+# Several processes share the cores already; torch and BLAS would start as many threads in each.
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
 import hypothesis
 import jax
 import pytest

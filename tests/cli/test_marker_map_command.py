@@ -75,17 +75,21 @@ def test_what_cannot_be_mapped(tmp_path, capsys, keep, more, code, message):
 
 
 def test_the_photographs(tmp_path):
-    """Corners found by `jaxgeo detect` in the 72 photographs; 20 markers on the walls of a room."""
+    """Corners found by `jaxgeo detect` in every second of the 72 photographs; 20 markers on the walls of a room."""
     photographs = data_root() / "tags" / "swatbotics_mapping"
     if not photographs.is_dir():
         pytest.skip(f"REAL DATA MISSING: {photographs}")
+    half = tmp_path / "half"
+    half.mkdir()
+    for path in sorted(photographs.glob("*.JPG"))[::2]:
+        (half / path.name).symlink_to(path)
     found = tmp_path / "found"
-    detect = ["detect", str(photographs), "--family", "apriltag_36h11", "--rate", "1", "--overlays", "0", "--quiet"]
+    detect = ["detect", str(half), "--family", "apriltag_36h11", "--rate", "1", "--overlays", "0", "--quiet"]
     assert main([*detect, "--out", str(found)]) == 0
     rig = rig_file(tmp_path, "765.00, 764.18, 393.72, 304.66", "0, 0, 0", "0, 0, 0")
     assert main([*arguments(found / "corners.csv", rig, tmp_path / "map", 0.127), "--quiet"]) == 0
     numbers = json.loads((tmp_path / "map" / "marker_map.json").read_text())
-    assert (numbers["markers"], numbers["images"]) == (20, 72)
-    assert numbers["sightings"] > 230
+    assert (numbers["markers"], numbers["images"]) == (20, 36)
+    assert numbers["sightings"] > 110
     assert numbers["reprojection_median_px"] < 0.45
     assert len(numbers["outliers"]) <= 6

@@ -25,7 +25,7 @@ def frame(seed: int, hue: float, name: str = "a.png") -> LabelledFrame:
     return LabelledFrame(name, cv2.cvtColor(hsv.astype(np.uint8), cv2.COLOR_HSV2BGR), label)
 
 
-@pytest.mark.parametrize("hue", [60.0, 0.0, 120.0])
+@pytest.mark.parametrize("hue", [60.0, 0.0])
 def test_the_colour_is_found_from_a_wrong_start(hue):
     tuned = tune_range([frame(0, hue), frame(1, hue, "b.png")], HsvRange((80, 200, 10), (110, 255, 255)))
     assert tuned.improved
