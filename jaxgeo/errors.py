@@ -34,6 +34,18 @@ class DetectError(InputError):
     """Images, or what is said about the markers in them, are unusable."""
 
 
+class ScanError(InputError):
+    """LiDAR scans or RGB-D frames, or what is said about them, are unusable."""
+
+
+class CloudError(InputError):
+    """A point cloud is unusable, or does not fit its trajectory."""
+
+
+class GraphError(InputError):
+    """A graph of poses and relative poses is unusable."""
+
+
 class EstimationError(JaxgeoError):
     """The estimate is not determined by the data, or did not converge."""
 

@@ -17,7 +17,8 @@ LAYERS = (
     {"errors", "precision", "data"},
     {"geometry"},
     {"io", "associate", "georef", "graph"},
-    {"solve", "detect"},
+    {"solve", "detect", "odometry"},
+    {"mapping"},
     {"export", "simulate", "config"},
     {"cli"},
 )
@@ -25,14 +26,14 @@ RANK = {part: rank for rank, parts in enumerate(LAYERS) for part in parts}
 
 # Optional and heavy: the adapter files that may import them.
 ADAPTERS: dict[str, set[str]] = {
-    "torch": {"jaxgeo/detect/mask_batched.py", "jaxgeo/detect/tune.py"},
-    "kornia": {"jaxgeo/detect/mask_batched.py", "jaxgeo/detect/tune.py"},
+    "torch": {"jaxgeo/detect/mask_batched.py", "jaxgeo/detect/tune.py", "jaxgeo/mapping/kornia_features.py"},
+    "kornia": {"jaxgeo/detect/mask_batched.py", "jaxgeo/detect/tune.py", "jaxgeo/mapping/kornia_features.py"},
     "kornia_rs": {"jaxgeo/detect/kornia_quads.py"},
-    "open3d": set(),
-    "laspy": set(),
-    "kiss_icp": set(),
-    "small_gicp": set(),
-    "rosbags": {"jaxgeo/io/frames/bag.py"},
+    "open3d": {"jaxgeo/mapping/fusion_open3d.py", "jaxgeo/simulate/sensors/ray_casting.py"},
+    "laspy": {"jaxgeo/io/clouds/las.py"},
+    "kiss_icp": {"jaxgeo/odometry/kiss.py"},
+    "small_gicp": {"jaxgeo/odometry/registration.py"},
+    "rosbags": {"jaxgeo/io/bag_reader.py", "jaxgeo/io/frames/bag.py", "jaxgeo/simulate/sensors/bag_file.py"},
     "rerun": set(),
     "rasterio": {"jaxgeo/io/orthophoto.py"},
 }

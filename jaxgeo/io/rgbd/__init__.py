@@ -1,0 +1,1 @@
+"""RGB-D frames from files: folders, ROS bags."""

@@ -1,0 +1,1 @@
+"""RTAB-Map: its database, and the poses that it exports."""

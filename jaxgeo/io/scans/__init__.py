@@ -1,0 +1,1 @@
+"""LiDAR scans from files: folders, packed arrays, ROS bags."""

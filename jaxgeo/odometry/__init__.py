@@ -1,0 +1,1 @@
+"""Trajectories from LiDAR scans alone: frame-to-model registration, without loop closure."""
