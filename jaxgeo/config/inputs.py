@@ -2,10 +2,11 @@
 
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Discriminator, Field, Tag, model_validator
 
 from jaxgeo.config.fields import (
     Columns,
+    FileName,
     InputFile,
     MarkerSizes,
     Name,
@@ -81,11 +82,43 @@ class Reference(TrajectoryFile):
 
 
 class TrajectoryInput(TrajectoryFile):
-    """A trajectory to be georeferenced."""
+    """A trajectory to be georeferenced, from a file."""
 
     odometry: Odometry = Field(description="lidar, vio, wheel or mono: it chooses the default noise")
     noise: NoiseValues = NoiseValues()
     reference: Reference | None = None
+
+
+class ComputedTrajectoryInput(Section):
+    """A trajectory to be georeferenced that this run makes itself.
+
+    Attributes:
+        computed: `odometry`: from the session's scans alone; `mapping`: loop-closed, along another trajectory.
+        of: that other trajectory, where there are several; of mapping only.
+    """
+
+    computed: Literal["odometry", "mapping"]
+    of: FileName | None = None
+    odometry: Odometry = "lidar"
+    noise: NoiseValues = NoiseValues()
+    reference: Reference | None = None
+
+    @model_validator(mode="after")
+    def _check_of(self):
+        if self.computed == "odometry" and self.of is not None:
+            raise ValueError("'of' names the trajectory that mapping goes along; odometry has none: remove it")
+        return self
+
+
+def _trajectory_kind(value: Any) -> str:
+    computed = "computed" in value if isinstance(value, dict) else isinstance(value, ComputedTrajectoryInput)
+    return "computed" if computed else "file"
+
+
+AnyTrajectoryInput = Annotated[
+    Annotated[TrajectoryInput, Tag("file")] | Annotated[ComputedTrajectoryInput, Tag("computed")],
+    Discriminator(_trajectory_kind),
+]
 
 
 class SurveyPoint(Section):

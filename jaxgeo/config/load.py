@@ -95,9 +95,13 @@ def _describe(detail: ErrorDetails) -> str:
 
 
 def _location(loc: tuple[int | str, ...]) -> list[int | str]:
-    """Without what pydantic adds: the tag of the sightings' kind, and the mark of a mapping's key."""
-    tagged = len(loc) > 1 and loc[0] == "sightings" and loc[1] in _SIGHTING_KINDS
-    return [part for i, part in enumerate(loc) if part != "[key]" and not (tagged and i == 1)]
+    """Without what pydantic adds: tags of the sightings' and trajectories' kinds, and the mark of a mapping's key."""
+    tag = None
+    if len(loc) > 1 and loc[0] == "sightings" and loc[1] in _SIGHTING_KINDS:
+        tag = 1
+    elif len(loc) > 2 and loc[0] == "trajectories" and loc[2] in ("file", "computed"):
+        tag = 2
+    return [part for i, part in enumerate(loc) if part != "[key]" and i != tag]
 
 
 def _shown(value: Any) -> str:

@@ -8,6 +8,8 @@ from pydantic import BeforeValidator, Field, model_validator
 from jaxgeo.config.fields import FileName, InputFile, Name, NonNegative, Positive, Section, Vector, nearest
 from jaxgeo.config.images import ImagesSightingsInput
 from jaxgeo.config.inputs import (
+    AnyTrajectoryInput,
+    ComputedTrajectoryInput,
     ControlPointSightingsInput,
     CornerSightingsInput,
     FromTrajectorySightingsInput,
@@ -16,8 +18,8 @@ from jaxgeo.config.inputs import (
     RigInput,
     SightingsInput,
     SurveyInput,
-    TrajectoryInput,
 )
+from jaxgeo.config.recording import MappingInput, RgbdInput, ScansInput
 
 
 def _crs(value: Any) -> Any:
@@ -142,6 +144,7 @@ class SessionConfig(Section):
     Attributes:
         crs: of the survey.
         simulated: every output is labelled simulated.
+        scans, rgbd: raw sensors; without `trajectories`, LiDAR odometry (`icp`) and mapping (`dense`) are made of them.
         origin_enh_m: E, N, h subtracted before anything is estimated; None: the survey's median, rounded to 100 m.
         basemap: an orthophoto (GeoTIFF) of the site, drawn under the maps.
     """
@@ -160,8 +163,12 @@ class SessionConfig(Section):
     rig: RigInput | None = None
     sightings: SightingsInput = Field(discriminator="kind", description="the sightings: {kind: .., file: .., ..}")
     visits: Visits = Visits()
-    trajectories: dict[FileName, TrajectoryInput] = Field(
-        min_length=1, description="the trajectories by name: {icp: {file: .., format: .., odometry: ..}}"
+    scans: ScansInput | None = None
+    rgbd: RgbdInput | None = None
+    mapping: MappingInput = MappingInput()
+    trajectories: dict[FileName, AnyTrajectoryInput] = Field(
+        min_length=1,
+        description="the trajectories by name: {icp: {file: .., format: .., odometry: ..}}; or give 'scans'",
     )
     noise: Noise = Noise()
     coarse: Coarse = Coarse()
@@ -170,6 +177,41 @@ class SessionConfig(Section):
     evaluate: Evaluate = Evaluate()
     report: Report = Report()
     basemap: InputFile | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _trajectories_of_scans(cls, value: Any) -> Any:
+        """With scans and no word of trajectories: the reference study's two."""
+        if isinstance(value, dict) and value.get("scans") is not None and "trajectories" not in value:
+            return value | {"trajectories": {"icp": {"computed": "odometry"}, "dense": {"computed": "mapping"}}}
+        return value
+
+    @model_validator(mode="after")
+    def _check_computed(self):
+        for name, source in self.trajectories.items():
+            if not isinstance(source, ComputedTrajectoryInput):
+                continue
+            place = f"trajectories.{name}.computed is {source.computed!r}"
+            if source.computed == "odometry" and self.scans is None:
+                raise ValueError(f"{place}, which needs LiDAR scans: give 'scans'")
+            if source.computed == "mapping":
+                if self.scans is None and self.rgbd is None:
+                    raise ValueError(f"{place}, which needs sensors: give 'scans' or 'rgbd'")
+                along = self.mapped_along(name)
+                other = self.trajectories.get(along)
+                if other is None or along == name or getattr(other, "computed", None) == "mapping":
+                    known = ", ".join(n for n in self.trajectories if n != name) or "none"
+                    raise ValueError(f"{place}, of {along!r}: 'of' has to name another trajectory (there: {known})")
+        if self.rgbd is not None and self.rig is None:
+            raise ValueError("'rgbd' needs a camera: give 'rig'")
+        return self
+
+    def mapped_along(self, name: str) -> str:
+        """The trajectory that the mapped one follows: what `of` names, else the first that is not mapped itself."""
+        source = self.trajectories[name]
+        if isinstance(source, ComputedTrajectoryInput) and source.of is not None:
+            return source.of
+        return next((n for n, t in self.trajectories.items() if getattr(t, "computed", None) != "mapping"), name)
 
     @model_validator(mode="after")
     def _check_basemap(self):
