@@ -2,8 +2,6 @@
 
 import collections
 import dataclasses
-import functools
-import hashlib
 import json
 import multiprocessing
 import warnings
@@ -21,6 +19,7 @@ from jaxtyping import UInt8
 
 import jaxgeo.detect
 from jaxgeo.cli.detection_record import DetectionRecord, FrameRecord
+from jaxgeo.cli.input_identity import code_hash, facts_key, file_identities
 from jaxgeo.cli.progress import Progress
 from jaxgeo.config.images import GatesInput, ImageSourceInput, ImagesSightingsInput, MaskInput
 from jaxgeo.data import Camera, Rig
@@ -159,34 +158,19 @@ def job_key(job: DetectionJob, folder: Path) -> str:
         "settings": settings_values(job.settings),
         "source": job.source.model_dump(mode="json", exclude={"path", "stamps"}),
         "cameras": {} if job.rig is None else {name: _lens(camera) for name, camera in job.rig.cameras.items()},
-        "files": [_identity(path) for path in _files(job.source, folder.resolve())],
-        "code": _code_hash(),
+        "files": file_identities(_files(job.source), folder),
+        "code": code_hash(jaxgeo.detect),
         "opencv": version("opencv-python-headless"),
     }
-    return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()
+    return facts_key(facts)
 
 
 def _lens(camera: Camera) -> tuple[str, list[float], list[float]]:
     return camera.distortion_model, camera.intrinsics_px.tolist(), camera.distortion.tolist()
 
 
-@functools.cache
-def _code_hash() -> str:
-    """Of the detector's own source: another version may find something else."""
-    code = hashlib.sha256()
-    for path in sorted(Path(jaxgeo.detect.__file__).parent.glob("*.py")):
-        code.update(path.read_bytes())
-    return code.hexdigest()
-
-
-def _files(source: ImageSourceInput, ours: Path) -> list[Path]:
-    files = [] if source.stamps is None else [source.stamps]
-    if source.path.is_dir():
-        inside = (path for path in sorted(source.path.rglob("*")) if path.is_file())
-        files += [path for path in inside if ours not in path.resolve().parents]
-    else:
-        files.append(source.path)
-    return files
+def _files(source: ImageSourceInput) -> list[Path]:
+    return [source.path] if source.stamps is None else [source.stamps, source.path]
 
 
 def settings_values(settings: DetectorSettings) -> dict[str, Any]:
@@ -195,11 +179,6 @@ def settings_values(settings: DetectorSettings) -> dict[str, Any]:
     ids = values["gates"].get("ids")
     values["gates"]["ids"] = None if ids is None else sorted(ids)
     return json.loads(json.dumps(values, default=lambda value: np.asarray(value).tolist()))
-
-
-def _identity(path: Path) -> tuple[str, int, int]:
-    stat = path.stat()
-    return path.name, stat.st_size, stat.st_mtime_ns
 
 
 def _detected(job: DetectionJob, frames: Iterator[Frame]) -> Iterator[FrameRecord]:
