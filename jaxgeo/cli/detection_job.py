@@ -17,7 +17,6 @@ import cv2
 import numpy as np
 from jaxtyping import UInt8
 
-import jaxgeo.detect
 from jaxgeo.cli.detection_record import DetectionRecord, FrameRecord
 from jaxgeo.cli.input_identity import code_hash, facts_key, file_identities
 from jaxgeo.cli.progress import Progress
@@ -159,7 +158,7 @@ def job_key(job: DetectionJob, folder: Path) -> str:
         "source": job.source.model_dump(mode="json", exclude={"path", "stamps"}),
         "cameras": {} if job.rig is None else {name: _lens(camera) for name, camera in job.rig.cameras.items()},
         "files": file_identities(_files(job.source), folder),
-        "code": code_hash(jaxgeo.detect),
+        "code": code_hash("detect"),
         "opencv": version("opencv-python-headless"),
     }
     return facts_key(facts)

@@ -5,8 +5,9 @@ import hashlib
 import json
 from collections.abc import Iterable
 from pathlib import Path
-from types import ModuleType
 from typing import Any
+
+import jaxgeo
 
 
 def facts_key(facts: dict[str, Any]) -> str:
@@ -27,11 +28,10 @@ def file_identities(paths: Iterable[Path], ours: Path) -> list[tuple[str, int, i
 
 
 @functools.cache
-def code_hash(*packages: ModuleType) -> str:
-    """Of a package's own source: another version may find something else."""
+def code_hash(*packages: str) -> str:
+    """Of the source of parts of jaxgeo (`detect`, ..): another version may find something else."""
     code = hashlib.sha256()
     for package in packages:
-        assert package.__file__ is not None
-        for path in sorted(Path(package.__file__).parent.glob("*.py")):
+        for path in sorted((Path(jaxgeo.__file__).parent / package).glob("*.py")):
             code.update(path.read_bytes())
     return code.hexdigest()

@@ -10,7 +10,7 @@ from calibration.calibrate import LearnSettings
 from calibration.models import FamilyPrior, family_prior
 from calibration.profile import ProfileLikelihood
 from calibration.result import Calibration
-from jaxgeo.config.inputs import TrajectoryInput
+from jaxgeo.config.inputs import AnyTrajectoryInput
 from jaxgeo.config.schema import SessionConfig
 from jaxgeo.errors import ConfigError
 from jaxgeo.graph.components import COMPONENTS, N_COMPONENTS, NoiseEnsemble
@@ -22,7 +22,7 @@ from jaxgeo.io.noise_json import StoredNoise, read_noise
 BETWEEN_SESSIONS_LOG_SD = 0.5
 
 
-def noise_of(source: TrajectoryInput, config: SessionConfig) -> OdometryNoise:
+def noise_of(source: AnyTrajectoryInput, config: SessionConfig) -> OdometryNoise:
     """Fixed noise: the defaults of the kind of odometry, the session's values, then the trajectory's own."""
     values = config.noise.values.model_dump(exclude_none=True) | source.noise.model_dump(exclude_none=True)
     return default_noise(source.odometry, **values)
@@ -33,7 +33,7 @@ def noise_values(noise: OdometryNoise) -> dict[str, float | list[float]]:
     return {name: np.asarray(value).tolist() for name, value in vars(noise).items()}
 
 
-def stored_noise(config: SessionConfig, source: TrajectoryInput) -> StoredNoise | None:
+def stored_noise(config: SessionConfig, source: AnyTrajectoryInput) -> StoredNoise | None:
     """What `noise.file` holds; None where the config names no file.
 
     Raises:
@@ -52,7 +52,7 @@ def stored_noise(config: SessionConfig, source: TrajectoryInput) -> StoredNoise 
 
 
 def learn_settings(
-    config: SessionConfig, source: TrajectoryInput, noise: OdometryNoise, stored: StoredNoise | None
+    config: SessionConfig, source: AnyTrajectoryInput, noise: OdometryNoise, stored: StoredNoise | None
 ) -> LearnSettings:
     """Where learning starts: from the documented prior of the kind, or from another session's posterior."""
     chosen = config.noise

@@ -34,7 +34,7 @@ from jaxgeo.cli.noise import (
     stored_values,
 )
 from jaxgeo.cli.progress import Progress
-from jaxgeo.config.inputs import TrajectoryInput
+from jaxgeo.config.inputs import AnyTrajectoryInput
 from jaxgeo.config.schema import SessionConfig
 from jaxgeo.data import Anchors, Trajectory
 from jaxgeo.errors import JaxgeoError
@@ -110,7 +110,7 @@ class _Refined:
 
 
 def _run_trajectory(
-    name: str, source: TrajectoryInput, config: SessionConfig, data: Ingested, progress: Progress
+    name: str, source: AnyTrajectoryInput, config: SessionConfig, data: Ingested, progress: Progress
 ) -> TrajectoryResult:
     settings, noise = settings_of(config), noise_of(source, config)
     clock = Clock(progress, name)
@@ -257,7 +257,7 @@ def coarse_fit(found: Correction) -> CoarseFit:
 
 
 def _reference_errors(
-    source: TrajectoryInput, reference: Trajectory | None, estimates: dict[str, Trajectory], data: Ingested
+    source: AnyTrajectoryInput, reference: Trajectory | None, estimates: dict[str, Trajectory], data: Ingested
 ) -> dict[str, ReferenceError]:
     """ATE of every stage's trajectory; only a reference in a frame of its own is aligned first."""
     if reference is None or source.reference is None:
@@ -271,7 +271,7 @@ def _reference_errors(
     }
 
 
-def local_reference(source: TrajectoryInput, reference: Trajectory, data: Ingested) -> Trajectory:
+def local_reference(source: AnyTrajectoryInput, reference: Trajectory, data: Ingested) -> Trajectory:
     """The reference in the session's local frame; as it is where it has a frame of its own."""
     if source.reference is None or source.reference.frame != "grid":
         return reference
