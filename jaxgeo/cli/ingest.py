@@ -19,6 +19,7 @@ from jaxgeo.associate import (
 from jaxgeo.cli.progress import Progress
 from jaxgeo.config.images import ImagesSightingsInput
 from jaxgeo.config.inputs import (
+    ComputedTrajectoryInput,
     ControlPointSightingsInput,
     CornerSightingsInput,
     FromTrajectorySightingsInput,
@@ -41,8 +42,8 @@ from jaxgeo.io import (
 )
 from jaxgeo.io.orthophoto import Orthophoto
 
-# The folder of a session's outputs that keeps what was detected in its images.
-DETECTIONS = "detections"
+# Folders of a session's outputs that keep what was detected in its images, and the trajectories made of its scans.
+DETECTIONS, COMPUTED = "detections", "computed"
 # How far beyond the surveyed points an orthophoto is read, in the site's size: trajectories go there.
 BASEMAP_REACH = 0.3
 
@@ -63,20 +64,21 @@ class Ingested:
 
 
 def ingest(config: SessionConfig, progress: Progress | None = None, out: Path | None = None) -> Ingested:
-    """Read everything that the config names; sightings of kind `images` are detected first.
+    """Read everything that the config names; images are searched for markers, trajectories made of scans, first.
 
     Args:
-        progress: where detecting shows how far it is.
-        out: the session's output folder, default out/NAME: what was detected is kept in its folder `detections`.
+        progress: where detecting, odometry and mapping show how far they are.
+        out: the session's output folder, default out/NAME: what was detected is kept in its folder `detections`, what
+            trajectories were made in `computed`.
 
     Raises:
         InputError: whatever is wrong, with its place.
     """
-    reader = _Reader(progress or Progress(quiet=True), (out or Path("out") / config.name) / DETECTIONS)
+    reader = _Reader(progress or Progress(quiet=True), out or Path("out") / config.name)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", InputWarning)
         survey, sightings, said = _survey_and_sightings(config, reader)
-        trajectories = {name: reader.trajectory(t) for name, t in config.trajectories.items()}
+        trajectories, made = _trajectories(config, reader)
         references = {name: reader.trajectory(t.reference) for name, t in config.trajectories.items() if t.reference}
     # One file may be read in two places: survey and sightings from one truth.
     read = dict.fromkeys(str(w.message) for w in caught if issubclass(w.category, InputWarning))
@@ -92,7 +94,7 @@ def ingest(config: SessionConfig, progress: Progress | None = None, out: Path | 
     frame = LocalFrame.create(config.crs, origin)
     frame.check(survey.enh_m, _survey_places(config, survey))
     basemap = _basemap(config, frame, survey, reader)
-    said = (*read, *said, *unlabelled)
+    said = (*read, *made, *said, *unlabelled)
     return Ingested(frame, survey, sightings, labelled, trajectories, references, said, tuple(reader.files), basemap)
 
 
@@ -130,12 +132,12 @@ def file_hashes(files: tuple[Path, ...]) -> dict[str, str]:
 
 
 class _Reader:
-    """Reads files and remembers which; detects in images, and keeps what it found."""
+    """Reads files and remembers which; keeps in the session's folder what it makes of images and scans."""
 
-    def __init__(self, progress: Progress, detections: Path) -> None:
+    def __init__(self, progress: Progress, out: Path) -> None:
         self.files: dict[Path, None] = {}
         self.progress = progress
-        self.detections = detections
+        self.out = out
 
     def trajectory(self, source: TrajectoryFile) -> Trajectory:
         self.seen(source.file)
@@ -147,6 +149,32 @@ class _Reader:
     def seen(self, path: Path) -> Path:
         self.files[path] = None
         return path
+
+
+def _trajectories(config: SessionConfig, reader: _Reader) -> tuple[dict[str, Trajectory], tuple[str, ...]]:
+    """All trajectories in the config's order, and what is to be said of those that are made here."""
+    found: dict[str, Trajectory] = {}
+    said: list[str] = []
+    # Mapping goes along another trajectory, so it comes last.
+    for name in sorted(config.trajectories, key=lambda n: getattr(config.trajectories[n], "computed", "") == "mapping"):
+        source = config.trajectories[name]
+        if not isinstance(source, ComputedTrajectoryInput):
+            found[name] = reader.trajectory(source)
+            continue
+        # Only here: scans and registration are of no concern to sessions with trajectories of their own.
+        from jaxgeo.cli.computed import TRAJECTORY_FILE, computed_mapping, computed_odometry
+
+        folder = reader.out / COMPUTED / name
+        if source.computed == "odometry":
+            made = computed_odometry(name, config, folder, reader.progress)
+        else:
+            along = found[config.mapped_along(name)]
+            rig = _rig(config, reader) if config.rig else None
+            made = computed_mapping(name, config, along, rig, folder, reader.progress)
+        reader.seen(made.folder / TRAJECTORY_FILE)  # stands for the sensors in the hashes of inputs
+        found[name] = made.trajectory
+        said += [f"{name}: {sentence}" for sentence in made.warnings]
+    return {name: found[name] for name in config.trajectories}, tuple(said)
 
 
 def _survey_and_sightings(config: SessionConfig, reader: _Reader) -> tuple[Survey, Sightings, tuple[str, ...]]:
@@ -182,7 +210,7 @@ def _survey_and_sightings(config: SessionConfig, reader: _Reader) -> tuple[Surve
             from jaxgeo.cli.detected import detected_in_images
 
             rig = _rig(config, reader)
-            seen = detected_in_images(source, rig, source.marker_size_m, reader.detections, reader.progress)
+            seen = detected_in_images(source, rig, source.marker_size_m, reader.out / DETECTIONS, reader.progress)
             reader.seen(seen.files[0])  # stands for the images in the hashes of inputs
             assert seen.found.sightings is not None  # rig and size are required keys
             return survey, seen.found.sightings, seen.found.warnings

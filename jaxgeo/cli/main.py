@@ -14,6 +14,9 @@ from typing import Annotated
 
 import typer
 
+from jaxgeo.cli.compare_command import compare
+from jaxgeo.cli.odometry_command import odometry
+from jaxgeo.cli.rtabmap_command import rtabmap
 from jaxgeo.cli.study_commands import study
 from jaxgeo.errors import JaxgeoError
 
@@ -229,6 +232,10 @@ def marker_map(
     settings = MapSettings(floor_px=floor, refine_camera=refine_camera, origin=origin)
     chosen = [] if only is None else [name.strip() for name in only.split(",")]
     map_markers(corners, rig, size, out, settings, pixel_sigma_px=pixel_sigma, only=chosen, quiet=quiet)
+
+
+for command in (odometry, compare, rtabmap):
+    app.command()(command)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

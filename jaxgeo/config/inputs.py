@@ -20,7 +20,22 @@ from jaxgeo.config.fields import (
 from jaxgeo.config.images import ImagesSightingsInput
 
 Delimiter = Literal[",", ";", "\t", " "]
-Format = Literal["tum", "kitti", "euroc", "g2o"]
+Format = Literal[
+    "tum",
+    "kitti",
+    "euroc",
+    "g2o",
+    "npy",
+    "tum-index",
+    "rtabmap",
+    "rtabmap-raw",
+    "rtabmap-rgbd-slam",
+    "rtabmap-kitti",
+    "rtabmap-toro",
+    "rtabmap-g2o",
+    "rtabmap-tum",
+]
+STAMPED = ("tum", "euroc", "rtabmap-rgbd-slam", "rtabmap-tum")
 Row = Annotated[int, Field(ge=0)]
 Odometry = Literal["lidar", "vio", "wheel", "mono"]
 
@@ -44,13 +59,13 @@ class NoiseValues(Section):
 
 
 class TrajectoryFile(Section):
-    """Poses in a file. KITTI and g2o carry no stamps: they need `times` (a file of seconds) or `rate_hz`.
+    """Poses in a file. Formats without stamps need `times` (a file of seconds) or `rate_hz`.
 
     `optical_axes`: the map's axes are a camera's (x right, y down, z forward), as KITTI's are: E = x, N = z, h = -y.
     """
 
     file: InputFile = Field(description="the file of poses")
-    format: Format = Field(description="tum, kitti, euroc or g2o")
+    format: Format = Field(description="tum, kitti, euroc, g2o, npy, tum-index, rtabmap or rtabmap-FLAVOUR")
     times: InputFile | None = None
     rate_hz: Positive | None = None
     optical_axes: bool = False
@@ -58,12 +73,12 @@ class TrajectoryFile(Section):
     @model_validator(mode="after")
     def _check_stamps(self):
         given = [key for key in ("times", "rate_hz") if getattr(self, key) is not None]
-        if self.format in ("kitti", "g2o") and len(given) != 1:
+        if self.format not in (*STAMPED, "rtabmap") and len(given) != 1:
             both = "has both" if given else "has neither"
             raise ValueError(
                 f"format {self.format!r} has no stamps: give exactly one of 'times' and 'rate_hz' ({both})"
             )
-        if self.format in ("tum", "euroc") and given:
+        if self.format in STAMPED and given:
             raise ValueError(f"format {self.format!r} has its own stamps: remove {given[0]!r}")
         return self
 

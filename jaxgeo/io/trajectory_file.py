@@ -1,5 +1,7 @@
 """Trajectories from files, whatever their format."""
 
+import functools
+from collections.abc import Callable
 from pathlib import Path
 
 from jaxgeo.data import Trajectory
@@ -7,10 +9,19 @@ from jaxgeo.errors import TrajectoryError
 from jaxgeo.io.euroc import read_euroc
 from jaxgeo.io.g2o_poses import read_g2o_poses
 from jaxgeo.io.kitti import read_kitti
-from jaxgeo.io.tum import read_tum
+from jaxgeo.io.npy_poses import read_npy_poses
+from jaxgeo.io.rtabmap.pose_export import FLAVOURS, read_rtabmap_poses
+from jaxgeo.io.tum import read_indexed_tum, read_tum
 
 _STAMPED = {"tum": read_tum, "euroc": read_euroc}
-_UNSTAMPED = {"kitti": read_kitti, "g2o": read_g2o_poses}
+_UNSTAMPED: dict[str, Callable[..., Trajectory]] = {
+    "kitti": read_kitti,
+    "g2o": read_g2o_poses,
+    "npy": read_npy_poses,
+    "tum-index": read_indexed_tum,
+    "rtabmap": read_rtabmap_poses,
+    **{f"rtabmap-{flavour}": functools.partial(read_rtabmap_poses, flavour=flavour) for flavour in FLAVOURS},
+}
 FORMATS = (*_STAMPED, *_UNSTAMPED)
 
 
@@ -21,9 +32,11 @@ def read_trajectory(
 
     Args:
         path: the file.
-        format: `tum`, `euroc`, `kitti` or `g2o`.
-        times: kitti and g2o: file with one stamp in seconds a row; or
-        rate_hz: kitti and g2o: poses a second, the first at stamp 0.
+        format: one of `FORMATS`: `tum`, `euroc`, `kitti`, `g2o`; `npy` (KISS-ICP's `_poses.npy`); `tum-index` (TUM
+            whose first column counts frames, as KISS-ICP writes for scans without stamps); `rtabmap` (the flavour as
+            the file says) or `rtabmap-FLAVOUR` (see `read_rtabmap_poses`).
+        times: formats without stamps: file with one stamp in seconds a row; or
+        rate_hz: formats without stamps: poses a second, the first at stamp 0.
 
     Raises:
         TrajectoryError: an unknown format, stamps given twice, or what the format's reader refuses.

@@ -11,6 +11,7 @@ from jaxgeo.data import Trajectory
 from jaxgeo.errors import TrajectoryError
 from jaxgeo.io.atomic import write_lines
 from jaxgeo.io.checks import validated_trajectory
+from jaxgeo.io.row_stamps import row_stamps
 from jaxgeo.io.text_table import TextTable, float_columns, read_table
 
 
@@ -32,6 +33,29 @@ def read_tum(path: str | Path) -> Trajectory:
         keep = _node_ids(table, values[:, 8]) >= 0
         values, line = values[keep], line[keep]
     return validated_trajectory(path, line, values[:, 0], values[:, 1:4], values[:, [7, 4, 5, 6]])
+
+
+def read_indexed_tum(path: str | Path, *, times: str | Path | None = None, rate_hz: float | None = None) -> Trajectory:
+    """Read a TUM trajectory whose first column counts frames 0, 1, 2, ... (KISS-ICP writes it so without stamps).
+
+    Args:
+        path: the trajectory.
+        times: file with one stamp in seconds a row; or
+        rate_hz: poses a second, the first at stamp 0.
+
+    Raises:
+        TrajectoryError: as `read_tum`; the first column does not count frames; no stamps.
+    """
+    trajectory = read_tum(path)
+    wrong = trajectory.stamp_s != np.arange(len(trajectory))
+    if wrong.any():
+        row = int(np.argmax(wrong))
+        raise TrajectoryError(
+            f"{path}: pose {row + 1} has {float(trajectory.stamp_s[row])!r} in the first column; expected {row}: the "
+            "count of frames from 0. Are these stamps? Then the format is tum."
+        )
+    stamp_s = row_stamps(path, len(trajectory), times=times, rate_hz=rate_hz)
+    return Trajectory(stamp_s, trajectory.position_m, trajectory.quat_wxyz)
 
 
 def write_tum(path: str | Path, trajectory: Trajectory) -> None:

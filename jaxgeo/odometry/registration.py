@@ -12,7 +12,8 @@ from jaxtyping import Float
 
 from jaxgeo.errors import InputError
 
-_NEIGHBOURS = 10
+# With ten, a sparse ring's neighbours all lie on the ring: its points then hold the sensor back along a road or tunnel
+_NEIGHBOURS = 20
 _MAX_ITERATIONS = 30
 
 

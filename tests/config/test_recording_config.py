@@ -1,13 +1,15 @@
 """Configs with raw sensors: trajectories that the run makes itself, and what is refused."""
 
 from pathlib import Path
+from typing import get_args
 
 import pytest
 import yaml
 
 from jaxgeo.config import dump_config, load_config
-from jaxgeo.config.inputs import ComputedTrajectoryInput, TrajectoryInput
+from jaxgeo.config.inputs import ComputedTrajectoryInput, Format, TrajectoryInput
 from jaxgeo.errors import ConfigError
+from jaxgeo.io.trajectory_file import FORMATS
 
 SENSORS = {
     "name": "walk",
@@ -73,3 +75,23 @@ def test_what_is_refused(tmp_path, changes, said):
         load_config(written(tmp_path, **changes))
     assert said in str(refusal.value)
     assert "config.yaml" in str(refusal.value)
+
+
+def test_every_format_that_is_read_can_be_named():
+    assert set(get_args(Format)) == set(FORMATS)
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"format": "rtabmap-raw"}, "has no stamps"),
+        ({"format": "npy"}, "has no stamps"),
+        ({"format": "rtabmap-tum", "rate_hz": 10}, "has its own stamps"),
+    ],
+)
+def test_stamps_of_other_formats(tmp_path, given, said):
+    path = written(tmp_path, trajectories={"a": VIO | given})
+    with pytest.raises(ConfigError, match=said):
+        load_config(path)
+    ok = written(tmp_path, trajectories={"a": VIO | {"format": "rtabmap"}})
+    assert load_config(ok).trajectories["a"].format == "rtabmap"
