@@ -33,7 +33,7 @@ ADAPTERS: dict[str, set[str]] = {
     "laspy": {"jaxgeo/io/clouds/las.py"},
     "kiss_icp": {"jaxgeo/odometry/kiss.py"},
     "small_gicp": {"jaxgeo/odometry/registration.py"},
-    "rosbags": {"jaxgeo/io/bag_reader.py", "jaxgeo/io/frames/bag.py", "jaxgeo/simulate/sensors/bag_file.py"},
+    "rosbags": {"jaxgeo/io/bag_reader.py", "jaxgeo/simulate/sensors/bag_file.py"},
     "rerun": set(),
     "rasterio": {"jaxgeo/io/orthophoto.py"},
 }

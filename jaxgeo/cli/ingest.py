@@ -17,6 +17,7 @@ from jaxgeo.associate import (
     survey_from_trajectory,
 )
 from jaxgeo.cli.progress import Progress
+from jaxgeo.cli.rig import rig_of
 from jaxgeo.config.images import ImagesSightingsInput
 from jaxgeo.config.inputs import (
     ComputedTrajectoryInput,
@@ -35,7 +36,6 @@ from jaxgeo.io import (
     read_control_points,
     read_corner_sightings,
     read_pose_sightings,
-    read_rig,
     read_survey,
     read_trajectory,
     survey_from_points,
@@ -50,7 +50,10 @@ BASEMAP_REACH = 0.3
 
 @dataclasses.dataclass(frozen=True)
 class Ingested:
-    """One session's data. `warnings` are sentences for the user, `files` every file read."""
+    """One session's data. `warnings` are sentences for the user, `files` every file read.
+
+    `made_warnings` are about the making of single trajectories, by name.
+    """
 
     frame: LocalFrame
     survey: Survey
@@ -61,6 +64,7 @@ class Ingested:
     warnings: tuple[str, ...]
     files: tuple[Path, ...]
     basemap: Orthophoto | None = None
+    made_warnings: dict[str, tuple[str, ...]] = dataclasses.field(default_factory=dict)
 
 
 def ingest(config: SessionConfig, progress: Progress | None = None, out: Path | None = None) -> Ingested:
@@ -94,8 +98,10 @@ def ingest(config: SessionConfig, progress: Progress | None = None, out: Path | 
     frame = LocalFrame.create(config.crs, origin)
     frame.check(survey.enh_m, _survey_places(config, survey))
     basemap = _basemap(config, frame, survey, reader)
-    said = (*read, *made, *said, *unlabelled)
-    return Ingested(frame, survey, sightings, labelled, trajectories, references, said, tuple(reader.files), basemap)
+    said = (*read, *said, *unlabelled)
+    return Ingested(
+        frame, survey, sightings, labelled, trajectories, references, said, tuple(reader.files), basemap, made
+    )
 
 
 def _basemap(config: SessionConfig, frame: LocalFrame, survey: Survey, reader: "_Reader") -> Orthophoto | None:
@@ -151,10 +157,10 @@ class _Reader:
         return path
 
 
-def _trajectories(config: SessionConfig, reader: _Reader) -> tuple[dict[str, Trajectory], tuple[str, ...]]:
+def _trajectories(config: SessionConfig, reader: _Reader) -> tuple[dict[str, Trajectory], dict[str, tuple[str, ...]]]:
     """All trajectories in the config's order, and what is to be said of those that are made here."""
     found: dict[str, Trajectory] = {}
-    said: list[str] = []
+    said: dict[str, tuple[str, ...]] = {}
     # Mapping goes along another trajectory, so it comes last.
     for name in sorted(config.trajectories, key=lambda n: getattr(config.trajectories[n], "computed", "") == "mapping"):
         source = config.trajectories[name]
@@ -173,8 +179,8 @@ def _trajectories(config: SessionConfig, reader: _Reader) -> tuple[dict[str, Tra
             made = computed_mapping(name, config, along, rig, folder, reader.progress)
         reader.seen(made.folder / TRAJECTORY_FILE)  # stands for the sensors in the hashes of inputs
         found[name] = made.trajectory
-        said += [f"{name}: {sentence}" for sentence in made.warnings]
-    return {name: found[name] for name in config.trajectories}, tuple(said)
+        said[name] = made.warnings
+    return {name: found[name] for name in config.trajectories}, said
 
 
 def _survey_and_sightings(config: SessionConfig, reader: _Reader) -> tuple[Survey, Sightings, tuple[str, ...]]:
@@ -276,8 +282,8 @@ def _survey_places(config: SessionConfig, survey: Survey) -> list[str]:
 
 
 def _rig(config: SessionConfig, reader: _Reader) -> Rig:
-    source = config.rig
-    assert source is not None
-    if source.file is not None:
-        return read_rig(reader.seen(source.file))
-    return read_rig(source.model_dump(exclude_none=True))
+    if config.rig is not None and config.rig.file is not None:
+        reader.seen(config.rig.file)
+    rig = rig_of(config)
+    assert rig is not None  # the schema requires it where it is asked for
+    return rig

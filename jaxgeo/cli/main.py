@@ -15,8 +15,10 @@ from typing import Annotated
 import typer
 
 from jaxgeo.cli.compare_command import compare
+from jaxgeo.cli.map_command import map_
 from jaxgeo.cli.odometry_command import odometry
 from jaxgeo.cli.rtabmap_command import rtabmap
+from jaxgeo.cli.simulate_sensors_command import simulate_sensors
 from jaxgeo.cli.study_commands import study
 from jaxgeo.errors import JaxgeoError
 
@@ -234,8 +236,14 @@ def marker_map(
     map_markers(corners, rig, size, out, settings, pixel_sigma_px=pixel_sigma, only=chosen, quiet=quiet)
 
 
-for command in (odometry, compare, rtabmap):
-    app.command()(command)
+for name, command in {
+    "odometry": odometry,
+    "map": map_,
+    "compare": compare,
+    "rtabmap": rtabmap,
+    "simulate-sensors": simulate_sensors,
+}.items():
+    app.command(name=name)(command)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from jaxgeo.cli.progress import Progress
 from jaxgeo.config import dump_config, load_config
+from jaxgeo.config.inputs import ComputedTrajectoryInput
 from jaxgeo.io.atomic import check_output_folder
 
 
@@ -32,11 +33,18 @@ def run_config(path: Path, out: Path | None, overrides: Sequence[str], quiet: bo
         result = run_session(config, progress, out=out)
         progress.phase("write", str(out))
         write_session(result, out)
+        points = {}
+        if any(isinstance(source, ComputedTrajectoryInput) for source in config.trajectories.values()):
+            from jaxgeo.cli.session_clouds import write_session_clouds
+
+            points = write_session_clouds(config, result, out, progress)
     if not quiet:
         label = " (simulated data)" if result.simulated else ""
         for name, trajectory in result.trajectories.items():
             for warning in trajectory.warnings:
                 print(f"warning: {name}: {warning}", file=sys.stderr)
+        for file, count in points.items():
+            print(f"{out / file}: {count:,} points{label}")
         print(f"{config.name}{label}: {out / 'report.html'}")
 
 

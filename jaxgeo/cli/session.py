@@ -167,7 +167,7 @@ def anchored(
         trajectory, data.sightings, data.visits, data.survey, origin_enh_m=data.frame.origin_enh_m
     )
     refuse_exchanged_axes(trajectory, anchors, scale=settings.coarse_scale, gravity=settings.coarse_gravity)
-    return trajectory, anchors, (*data.warnings, *said)
+    return trajectory, anchors, (*data.made_warnings.get(name, ()), *data.warnings, *said)
 
 
 def _of_fixed(found: Correction, held_out: LeaveOneOut | None, k: int) -> _Refined:

@@ -50,21 +50,25 @@ def gated_depth(
         ScanError: the image is not of the camera's size.
     """
     camera.check(depth_m.shape, source)
-    seen = np.isfinite(depth_m) & (depth_m >= gates.min_m) & (depth_m <= gates.max_m) & camera.reached
-    depth = np.where(seen, depth_m, 0.0).astype(np.float32)
+    known = np.isfinite(depth_m) & (depth_m > 0.0)
+    depth = np.where(known, depth_m, 0.0).astype(np.float32)
     square = np.ones((3, 3), dtype=np.uint8)
-    highest = cv2.dilate(depth, square)
-    lowest = cv2.erode(np.where(seen, depth, np.float32(np.inf)), square)
+    highest = cv2.dilate(depth, square)  # of depths out of range too: their edges are edges
+    lowest = cv2.erode(np.where(known, depth, np.float32(np.inf)), square)
+    seen = known & (depth >= gates.min_m) & (depth <= gates.max_m) & camera.reached
     seen &= highest - lowest <= gates.edge_share * depth
     depth[~seen] = 0.0
-    depth[seen & (_incidence_cosine(depth, camera) < np.cos(gates.max_incidence_rad))] = 0.0
+    depth[seen & (_incidence_cosine(depth, camera, gates.edge_share) < np.cos(gates.max_incidence_rad))] = 0.0
     return depth
 
 
-def _incidence_cosine(depth: Float[np.ndarray, "h w"], camera: RgbdCamera) -> Float[np.ndarray, "h w"]:
+def _incidence_cosine(
+    depth: Float[np.ndarray, "h w"], camera: RgbdCamera, edge_share: float
+) -> Float[np.ndarray, "h w"]:
     """|cos| of the angle between ray and normal, from depths averaged over 5 x 5 pixels; 1 where it is not known.
 
-    One pixel's step is of the size of the depth noise, hence the average and differences over eight pixels.
+    One pixel's step is of the size of the depth noise, hence the average and differences over eight pixels; it is not
+    known where such a difference spans an edge.
     """
     step = 4
     weight = cv2.blur((depth > 0.0).astype(np.float32), (5, 5))
@@ -78,6 +82,8 @@ def _incidence_cosine(depth: Float[np.ndarray, "h w"], camera: RgbdCamera) -> Fl
     below, above = points[2 * step :, step:-step], points[: -2 * step, step:-step]
     normal = np.cross(right - left, below - above)
     known = (right[..., 2] > 0) & (left[..., 2] > 0) & (below[..., 2] > 0) & (above[..., 2] > 0)
+    most = edge_share * step * depth[inner]  # the gate's own slope: so much over the two pixels' width of its square
+    known &= (np.abs(right - left)[..., 2] <= most) & (np.abs(below - above)[..., 2] <= most)
     length = np.linalg.norm(normal, axis=-1) * np.linalg.norm(points[inner], axis=-1)
     across = np.abs(np.sum(normal * points[inner], axis=-1)) / np.maximum(length, 1e-20)
     cosine[inner] = np.where(known, across, 1.0)

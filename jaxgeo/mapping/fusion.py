@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float, Int, UInt8
 from scipy.spatial import KDTree
 
-from jaxgeo.data import RgbdFrame, Scan
+from jaxgeo.data import RgbdFrame
 from jaxgeo.errors import CloudError
 from jaxgeo.mapping import rigid
 from jaxgeo.mapping.depth_gates import DepthGates, gated_depth
@@ -123,14 +123,6 @@ def fuse_points(clouds: Iterable[PosedCloud], settings: FusionSettings | None = 
     if table is None or kinds is None or len(table) == 0:
         raise CloudError("fusion: no cloud holds any point; expected at least one. Is `max_range_m` too small?")
     return _fused(table, kinds, settings)
-
-
-def cloud_of_scan(
-    scan: Scan, T_body_lidar: Float[np.ndarray, "4 4"], T_map_body: Float[np.ndarray, "4 4"], pose_index: int
-) -> PosedCloud:
-    """A LiDAR scan, in the body frame."""
-    points = rigid.apply(T_body_lidar, scan.points_m)
-    return PosedCloud(scan.stamp_s, pose_index, T_map_body, points, None, scan.intensity)
 
 
 def cloud_of_frame(

@@ -3,6 +3,7 @@
 import dataclasses
 from collections.abc import Sequence
 
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
@@ -60,7 +61,7 @@ def edge_covariance(
     noise: OdometryNoise, length_m: Float[np.ndarray, "e"], turn: Float[np.ndarray, "e"]
 ) -> Float[np.ndarray, "e 6 6"]:
     """White covariances of odometry edges of this path length (m) and turned angle (rad), in the body frame."""
-    trans, rot = edge_variances(noise, np.maximum(length_m, LENGTH_FLOOR_M), turn)
+    trans, rot = edge_variances(noise, jnp.asarray(np.maximum(length_m, LENGTH_FLOOR_M)), jnp.asarray(turn))
     variance = np.stack([np.asarray(v) for v in (*trans, *rot)], axis=1)
     variance += np.array([_EDGE_FLOOR_M**2] * 3 + [_EDGE_FLOOR_RAD**2] * 3)
     return variance[:, :, None] * np.eye(6)

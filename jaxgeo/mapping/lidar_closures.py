@@ -23,22 +23,23 @@ class VerificationSettings:
         coarse: the first registration's voxel, in v; partners at most `coarse_reach` of it apart.
         min_share: agreement that both submaps must reach (see `agreement`), of the fine clouds.
         min_coarse_share: of the coarse clouds, for the fine registration to be tried.
-        max_error: GICP's mean half squared Mahalanobis distance, at most.
         max_return_m, max_return_rad: first to second and back again may be off the identity by so much; in v, in rad.
         rival_share: another hypothesis that reaches this part of the best one's agreement makes it ambiguous.
         floor_m, floor_rad: sigmas that no number of points goes below; see `registration_covariance`.
-        slide: how far the result is displaced along its weakest direction, to see whether it comes back; in v.
+        slide, slide_reach: how far the result is displaced along its weakest direction, to see whether it comes back,
+            in v; with partners so far apart, in coarse voxels: a longer reach would tie the submaps' ends to one
+            another, which lie where the sensors' sight ended and are no part of the scene.
     """
 
     coarse: float = 3.0
     coarse_reach: float = 3.5
-    min_share: float = 0.25
+    min_share: float = 0.3
     min_coarse_share: float = 0.15
-    max_error: float = 0.5
     max_return_m: float = 0.5
     max_return_rad: float = 0.02
     rival_share: float = 0.85
-    slide: float = 5.0
+    slide: float = 6.0
+    slide_reach: float = 1.5
     floor_m: float = 0.02
     floor_rad: float = 0.003
 
@@ -115,11 +116,9 @@ def verify(
     hypotheses = _coarse_hypotheses(candidate.starts, first, second, settings, threads)
     if not hypotheses:
         return "no agreement"
-    fine = sorted(
-        (_fine(T, first, second, threads) for T in hypotheses), key=lambda tried: tried[1], reverse=True
-    )
+    fine = sorted((_fine(T, first, second, threads) for T in hypotheses), key=lambda tried: tried[1], reverse=True)
     best, share = fine[0]
-    if share < settings.min_share or best.error > settings.max_error:
+    if share < settings.min_share:
         return "no agreement"
     T = best.T_target_source
     if any(_differ(T, other.T_target_source, first) and s > settings.rival_share * share for other, s in fine[1:]):
@@ -153,10 +152,9 @@ def _on_surface(target: Surface, source: Surface, T_target_source: Float[np.ndar
 
 
 def _coarse(
-    start: Float[np.ndarray, "4 4"], first: LidarPlace, second: LidarPlace, settings: VerificationSettings, threads: int
+    start: Float[np.ndarray, "4 4"], first: LidarPlace, second: LidarPlace, reach: float, threads: int
 ) -> tuple[Float[np.ndarray, "4 4"], float]:
-    reach_m = settings.coarse_reach * first.coarse.voxel_m
-    T = register(first.coarse.cloud, second.coarse.cloud, start, reach_m, threads).T_target_source
+    T = register(first.coarse.cloud, second.coarse.cloud, start, reach * first.coarse.voxel_m, threads).T_target_source
     return T, agreement(first.coarse, second.coarse, T)
 
 
@@ -170,7 +168,7 @@ def _coarse_hypotheses(
     """Distinct results of the coarse registrations that agree, the best three."""
     found: list[tuple[float, Float[np.ndarray, "4 4"]]] = []
     for start in starts:
-        T, share = _coarse(start, first, second, settings, threads)
+        T, share = _coarse(start, first, second, settings.coarse_reach, threads)
         if share >= settings.min_coarse_share and all(_differ(T, other, first) for _, other in found):
             found.append((share, T))
     return [T for _, T in sorted(found, key=lambda one: one[0], reverse=True)[:3]]
@@ -190,7 +188,7 @@ def _returns(
     back = register(second.fine.cloud, first.fine.cloud, inverse(T), 2.0 * first.fine.voxel_m, threads)
     round_trip = back.T_target_source @ T
     off_m = float(np.linalg.norm(round_trip[:3, 3]))
-    return off_m < settings.max_return_m * first.fine.voxel_m and turn_rad(round_trip) < settings.max_return_rad
+    return off_m < settings.max_return_m * first.fine.voxel_m and float(turn_rad(round_trip)) < settings.max_return_rad
 
 
 def _slides(
@@ -202,7 +200,7 @@ def _slides(
     for sign in (-1.0, 1.0):
         pushed = T.copy()
         pushed[:3, 3] += sign * settings.slide * first.fine.voxel_m * (T[:3, :3] @ weakest_direction(best))
-        settled, other_share = _coarse(pushed, first, second, settings, threads)
+        settled, other_share = _coarse(pushed, first, second, settings.slide_reach, threads)
         if _differ(T, settled, first) and other_share > settings.rival_share * share:
             return True
     return False

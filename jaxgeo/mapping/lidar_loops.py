@@ -39,9 +39,7 @@ class LidarLoops:
         self._path_m = path_length_m(T_map_body)
         self._threads = threads
         self.verification = VerificationSettings()
-        self.candidates = CandidateSettings(
-            gap_m=max(4.0 * scale.reach_m, scale.range_m), near_m=_NEAR * scale.range_m
-        )
+        self.candidates = CandidateSettings(gap_m=max(4.0 * scale.reach_m, scale.range_m), near_m=_NEAR * scale.range_m)
 
         @functools.lru_cache(_PLACES_KEPT)
         def place(k: int) -> LidarPlace | None:

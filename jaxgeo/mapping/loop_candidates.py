@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 from jaxtyping import Float
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
 from jaxgeo.mapping.rigid import inverse, turn_rad
@@ -86,7 +86,9 @@ def believable(
     return bool(np.linalg.norm(drift[:3, 3]) < drift_allowed_m(gap_m, settings)) and turn < allowed_rad
 
 
-def drift_allowed_m(gap_m: Float[np.ndarray, "n"] | float, settings: CandidateSettings) -> Float[np.ndarray, "n"] | float:
+def drift_allowed_m(
+    gap_m: Float[np.ndarray, "n"] | float, settings: CandidateSettings
+) -> Float[np.ndarray, "n"] | float:
     """The greatest distance of two keyframes by the odometry that may in truth be at one place."""
     return settings.near_m + settings.max_drift_share * gap_m
 
@@ -111,7 +113,7 @@ def _alike(
     settings: CandidateSettings,
 ) -> list[tuple[int, int, float]]:
     position = T_map_body[:, :3, 3]
-    tree = cKDTree(contexts.ring_key)
+    tree = KDTree(contexts.ring_key)
     looked_at = min(len(contexts), 10 * settings.per_keyframe + int(np.ceil(settings.gap_m)) + 1)
     _, neighbours = tree.query(contexts.ring_key, k=looked_at)
     found = []

@@ -155,13 +155,11 @@ def support(
     return found
 
 
-def carried_to_all(
-    trajectory: Trajectory, keyframes: Keyframes, solved: Float[np.ndarray, "k 4 4"]
-) -> Trajectory:
+def carried_to_all(trajectory: Trajectory, keyframes: Keyframes, solved: Float[np.ndarray, "k 4 4"]) -> Trajectory:
     """All poses, moved as the keyframes about them were.
 
-    The correction `T_solved T_odometry^-1` of each keyframe, a motion of the map, is interpolated on SE(3) between them;
-    before the first and after the last it is held.
+    The correction `T_solved T_odometry^-1` of each keyframe, a motion of the map, is interpolated on SE(3) between
+    them; before the first and after the last it is held.
     """
     if len(keyframes) == 1:
         return trajectory

@@ -12,12 +12,12 @@ class MapSettings:
     """One set of defaults for all recordings; lengths left None follow the scene (`jaxgeo.mapping.scene_scale`).
 
     Attributes:
-        odometry: kind of the trajectory's odometry: `lidar`, `vio`, `wheel` or `mono`; says how far it may be trusted.
+        odometry: kind of the trajectory's odometry: `lidar`, `vio`, `wheel` or `mono`: its assumed noise.
         voxel_m: clouds are thinned to it, for registration.
         keyframe_m, keyframe_rad: a keyframe whenever the body moved or turned so far.
         refine: let the scans of neighbouring keyframes check and sharpen the odometry first.
         rounds: loops are looked for so often, each time with the trajectory that the loops before have closed.
-        inlier_chi: a closure is rejected where its whitened residual stays longer (99 % of six degrees of freedom: 4.1).
+        inlier_chi: a closure is rejected where its whitened residual stays longer (4.1: 99 % of six degrees).
         features: of RGB-D images, see `jaxgeo.mapping.image_features.feature_method`.
         threads: of registration.
     """

@@ -49,8 +49,8 @@ def refine_odometry(
     """Register every keyframe's cloud with the next ones' and solve odometry and registrations together.
 
     An edge is disproved where the registration lies outside the odometry's noise (99.9 %, sigmas doubled) and the
-    clouds, laid together by the odometry, agree clearly less: its covariance grows by the square of the difference. Where
-    they agree as well that way, the registration is left out.
+    clouds, laid together by the odometry, agree clearly less: its covariance grows by the square of the difference.
+    Where they agree as well that way, the registration is left out.
 
     Args:
         place: a keyframe's own cloud, prepared; None where it holds too few points.
@@ -97,7 +97,8 @@ def _judged(
             kept.append(c)
             continue
         first, second = place(c.first), place(c.second)
-        assert first is not None and second is not None  # they were registered
+        assert first is not None  # they were registered
+        assert second is not None
         by_odometry = agreement(first.coarse, second.coarse, odometry)
         if by_odometry < _DISPROVED * agreement(first.coarse, second.coarse, c.T_first_second):
             kept.append(c)

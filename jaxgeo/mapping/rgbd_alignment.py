@@ -22,7 +22,7 @@ class AlignmentSettings:
 
     Attributes:
         max_angle_rad: between a feature's ray and its partner's point; 3.5 px at a focal length of 585 px.
-        sigma_angle_rad: standard deviation of that angle: the feature's own place, the lens, colour against depth.
+        sigma_angle_rad: standard deviation of a feature's ray: its place in the image, the lens, colour against depth.
         min_inliers: pairs that agree, in each of the two directions.
         min_share: of the pairs that have a depth, that agree.
         min_hull: area of the convex hull of the agreeing features, as a share of the image, in both images.

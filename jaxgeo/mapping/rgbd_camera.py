@@ -1,13 +1,14 @@
 """The camera of RGB-D frames: what its depth pixels mean, worked out once."""
 
 import dataclasses
+from collections.abc import Iterable
 
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy.spatial.transform import Rotation
 
 from jaxgeo.associate.camera_model import check_camera, undistort
-from jaxgeo.data import Camera
+from jaxgeo.data import Camera, RgbdFrame
 from jaxgeo.errors import ScanError
 
 
@@ -77,3 +78,16 @@ def rgbd_camera(camera: Camera, resolution_px: tuple[int, int] | None = None) ->
     T_body_cam[:3, :3] = Rotation.from_quat(camera.quat_body_cam_wxyz, scalar_first=True).as_matrix()
     T_body_cam[:3, 3] = camera.t_body_cam_m
     return RgbdCamera(camera, T_body_cam, rays.reshape(height, width, 2), reached.reshape(height, width))
+
+
+def frames_camera(camera: Camera, frames: Iterable[RgbdFrame]) -> RgbdCamera:
+    """Prepare a camera for the images of a source of frames, of which the first is read.
+
+    Raises:
+        ScanError: the source holds no frame, or the camera is calibrated for another resolution.
+        SightingError: a distortion model or intrinsics that cannot be used.
+    """
+    first = next(iter(frames), None)
+    if first is None:
+        raise ScanError("RGB-D frames: the source holds none; expected at least one. Is the recording complete?")
+    return rgbd_camera(camera, (first.image.shape[1], first.image.shape[0]))

@@ -65,8 +65,8 @@ def rgbd_candidates(
 
 
 def _best(likeness: Float[np.ndarray, "n"], allowed: Bool[np.ndarray, "n"], most: int) -> Int[np.ndarray, "m"]:
-    """The most alike of the allowed rows; images less alike than the session's average are none."""
-    rows = np.flatnonzero(allowed & (likeness > 0.0))
+    """The most alike of the allowed rows; exactly 0 is the likeness of an image without features."""
+    rows = np.flatnonzero(allowed & (likeness != 0.0))
     return rows[np.argsort(-likeness[rows], kind="stable")[:most]]
 
 

@@ -25,7 +25,7 @@ def rgbd_keyframes(
     method: FeatureMethod,
     on_frame: Callable[[], None] | None = None,
 ) -> tuple[dict[int, RgbdKeyframe], int, int]:
-    """The first frame after each keyframe and before the next, thinned; all frames, and those outside the trajectory."""
+    """The first frame after each keyframe and before the next, thinned; the number of frames, and of those outside."""
     kept: dict[int, RgbdKeyframe] = {}
     n_frames = outside = 0
     for frame in frames:

@@ -27,6 +27,8 @@ def surface_share(
     """
     moved = rigid.apply(rigid.inverse(camera.T_body_cam) @ T_other_body, points_m)
     ahead = moved[moved[:, 2] > gates.min_m]
+    if len(ahead) < _ENOUGH_POINTS:
+        return 0.0
     pixels, _, in_range = project(ahead, camera.camera)
     column, row = np.round(np.where(in_range[:, None], pixels, -COARSE_PX) / COARSE_PX).astype(np.int64).T
     height, width = other.coarse_depth_m.shape

@@ -60,7 +60,11 @@ def _linearise(
     sigma_angle_rad: float,
     gates: DepthGates,
 ) -> tuple[Float[np.ndarray, "r"], Float[np.ndarray, "r 6"]]:
-    """Whitened residuals of the pairs that agree, and their derivative by x in `T_first_second Exp(x)`."""
+    """Whitened residuals of the pairs that agree, and their derivative by x in `T_first_second Exp(x)`.
+
+    Both features of a pair err; and where the cameras stand apart by b, a depth's error s moves the ray by b s / z^2.
+    """
+    baseline_m = float(np.linalg.norm(T[:3, 3]))
     residuals, jacobians = [], []
     for side, motion in enumerate((rigid.inverse(T), T)):
         points = pairs.points_m(side)
@@ -68,24 +72,26 @@ def _linearise(
         points, R = points[rows], motion[:3, :3]
         moved = points @ R.T + motion[:3, 3]
         if side == 0:  # into the second's frame: Exp(-x) T^-1 p
-            by_x = np.concatenate([-np.broadcast_to(np.eye(3), (len(moved), 3, 3)), hats(moved)], axis=2)
+            by_x = np.concatenate([-np.broadcast_to(np.eye(3), (len(moved), 3, 3)), _hats(moved)], axis=2)
         else:  # into the first's frame: T Exp(x) p
-            by_x = np.concatenate([np.broadcast_to(R, (len(moved), 3, 3)), -R @ hats(points)], axis=2)
+            by_x = np.concatenate([np.broadcast_to(R, (len(moved), 3, 3)), -R @ _hats(points)], axis=2)
         z = moved[:, 2]
         project = np.zeros((len(moved), 2, 3))
         project[:, 0, 0] = project[:, 1, 1] = 1.0 / z
         project[:, :, 2] = -moved[:, :2] / z[:, None] ** 2
-        residuals.append(((moved[:, :2] / z[:, None] - pairs.rays[1 - side][rows]) / sigma_angle_rad).ravel())
-        jacobians.append((project @ by_x).reshape(-1, 6) / sigma_angle_rad)
+        sigma_depth = gates.sigma_m(points[:, 2])
+        sigma = np.hypot(np.sqrt(2.0) * sigma_angle_rad, baseline_m * sigma_depth / z**2)[:, None]
+        residuals.append(((moved[:, :2] / z[:, None] - pairs.rays[1 - side][rows]) / sigma).ravel())
+        jacobians.append(((project @ by_x) / sigma[:, :, None]).reshape(-1, 6))
         other = pairs.depth_m[1 - side][rows]
         both = np.isfinite(other)
-        sigma = np.hypot(gates.sigma_m(other[both]), gates.sigma_m(pairs.depth_m[side][rows][both]))
+        sigma = np.hypot(gates.sigma_m(other[both]), sigma_depth[both])
         residuals.append((z[both] - other[both]) / sigma)
         jacobians.append(by_x[both, 2] / sigma[:, None])
     return np.concatenate(residuals), np.concatenate(jacobians)
 
 
-def hats(vectors: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3 3"]:
+def _hats(vectors: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3 3"]:
     x, y, z = vectors.T
     zero = np.zeros_like(x)
     return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=1).reshape(-1, 3, 3)

@@ -19,6 +19,8 @@ class SurfaceSettings:
         max_distance_m: between partners.
         max_shift_m, max_turn_rad: a registration further than this from the features' motion slid away: not used.
         normal_sigma_m: standard deviation of a surface's place along its normal.
+        determined_share: a direction told less well than this share of the best told one is told by the noise of the
+            normals: a wall seems to hold the frames in its own plane too. Its information fades with the square.
         correlated_points: so many neighbouring points err alike and count as one.
         feature_floor_m, feature_floor_rad: standard deviations that no number of features averages out. A focal length
             wrong by 5 % turns 10 degrees into 9.5; colour and depth of unregistered images differ by a few pixels.
@@ -30,6 +32,7 @@ class SurfaceSettings:
     max_shift_m: float = 0.15
     max_turn_rad: float = float(np.deg2rad(5.0))
     normal_sigma_m: float = 0.01
+    determined_share: float = 0.05
     correlated_points: float = 50.0
     feature_floor_m: float = 0.015
     feature_floor_rad: float = float(np.deg2rad(0.7))
@@ -65,10 +68,30 @@ def fit_surfaces(
     if slid or not found.converged or not np.all(np.isfinite(found.information)):
         return T_first_second, by_features
     scale = _GICP_VARIANCE / (settings.normal_sigma_m**2 * settings.correlated_points)
-    weak = np.linalg.inv(scale * found.information + 1e-6 * np.eye(6))
-    by_surfaces = np.linalg.inv(weak + _floor(settings.surface_floor_m, settings.surface_floor_rad))
+    told = _determined(found.information, clouds[1].points_m, settings.determined_share)
+    random = np.linalg.inv(scale * told + 1e-3 * np.eye(6))
+    by_surfaces = np.linalg.inv(random + _floor(settings.surface_floor_m, settings.surface_floor_rad))
     together = np.linalg.inv(np.linalg.inv(by_features) + by_surfaces)
     return T_first_second @ rigid.exp(together @ by_surfaces @ apart), together
+
+
+def _determined(
+    information: Float[np.ndarray, "6 6"], points_m: Float[np.ndarray, "n 3"], share: float
+) -> Float[np.ndarray, "6 6"]:
+    """The information without the directions that only the noise of the normals tells.
+
+    Directions are compared at the points' centroid, in lengths: turns times the points' spread about it.
+    """
+    centre = points_m.mean(axis=0)
+    spread_m = np.sqrt(np.mean(np.sum((points_m - centre) ** 2, axis=1)))
+    at_centre = np.eye(4)
+    at_centre[:3, 3] = centre
+    to_lengths = rigid.adjoint(at_centre) @ np.diag(np.repeat([1.0, 1.0 / spread_m], 3))
+    values, vectors = np.linalg.eigh(to_lengths.T @ information @ to_lengths)
+    values = np.maximum(values, 0.0)
+    values *= np.minimum(1.0, values / (share * values.max())) ** 2
+    back = np.linalg.inv(to_lengths)
+    return back.T @ (vectors * values) @ vectors.T @ back
 
 
 def _floor(sigma_m: float, sigma_rad: float) -> Float[np.ndarray, "6 6"]:

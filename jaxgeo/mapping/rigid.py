@@ -13,7 +13,9 @@ from jaxgeo.data import Trajectory
 _SERIES_BELOW = 1e-4  # rad^2
 
 
-def matrices(position_m: Float[np.ndarray, "*b 3"], quat_wxyz: Float[np.ndarray, "*b 4"]) -> Float[np.ndarray, "*b 4 4"]:
+def matrices(
+    position_m: Float[np.ndarray, "*b 3"], quat_wxyz: Float[np.ndarray, "*b 4"]
+) -> Float[np.ndarray, "*b 4 4"]:
     """Poses from positions and unit quaternions."""
     T = np.zeros((*position_m.shape[:-1], 4, 4))
     T[..., :3, :3] = Rotation.from_quat(quat_wxyz, scalar_first=True).as_matrix()

@@ -12,14 +12,13 @@ from jaxgeo.odometry.registration import PreparedCloud
 from jaxgeo.odometry.rigid import exp_se3, log_se3
 from jaxgeo.odometry.scan_map import VOXELS, Match, ScanMap
 from jaxgeo.odometry.settings import OdometrySettings
-from jaxgeo.odometry.start import bend_m, straightened, voxel_of
+from jaxgeo.odometry.start import straightened, voxel_of
 from jaxgeo.odometry.tracked import Tracked
 
 BETTER = 0.8  # another start must cost so much less: along a tunnel all starts fit alike, and the motion model decides
 STEADY = 1.5  # times the usual cost: beyond it other starts are tried
 POOR = 0.75  # times the usual inlier share: below it a fan of starts is tried
 FAN_RAD = (0.2, 0.4)
-BEND = 0.1  # of the finest voxel: by more a wrong velocity may not bend a scan
 MEMORY = 0.9  # of the running means
 LEAST_SHARE = 0.1  # of the points that must find the map in any case
 PATIENCE = 3  # lost scans kept out of the map before a new piece is begun
@@ -45,7 +44,6 @@ class GicpTracker:
             return Tracked(np.eye(4), 1.0, 0.0, 0.0, False)
         cloud = self._map.prepare(straightened(scan, self._twist()))
         found = self._best_match(cloud, self._motion, scan.stamp_s)
-        cloud, found = self._straightened_again(scan, cloud, found, self._motion)
         # Of the points where the map reaches: a sensor that turns to what it has not seen yet is not lost
         lost = found.inlier_share < max(self._settings.min_inlier_share * found.mapped_share, LEAST_SHARE)
         deviation_m, deviation_rad = self._motion.deviation(scan.stamp_s, found.T_map_lidar)
@@ -63,37 +61,16 @@ class GicpTracker:
         best = self._map.match(cloud, expected, sigma)
         if usual is not None and best.cost < STEADY * usual.cost:
             return best
-        best = self._better(best, cloud, _other_motions(motion, expected), sigma)
-        if usual is None or best.inlier_share < POOR * usual.inlier_share:
-            best = self._better(best, cloud, _fan(expected, VOXELS[0] * self._map.voxel_m), sigma)
-        return best
-
-    def _straightened_again(
-        self, scan: Scan, cloud: PreparedCloud, found: Match, motion: Motion
-    ) -> tuple[PreparedCloud, Match]:
-        """Once more, with the velocity found, where the one that was expected bent the scan."""
-        expected, twist = self._twist(), motion.twist_to(scan.stamp_s, found.T_map_lidar)
-        if expected is None or bend_m(scan, twist, expected) < BEND * self._map.voxel_m:
-            return cloud, found
-        again = self._map.prepare(straightened(scan, twist))
-        other = self._map.match(again, found.T_map_lidar, self._sigma(motion, scan.stamp_s))
-        return (again, other) if other.cost < found.cost else (cloud, found)
+        starts = _other_motions(motion, expected)
+        if best.inlier_share < POOR * (usual.inlier_share if usual else 1.0):
+            starts += _fan(expected, VOXELS[0] * self._map.voxel_m)
+        scout = self._map.thinned(cloud)  # tries many starts in the time of one
+        likely = min((self._map.match(scout, start, sigma) for start in starts), key=lambda match: match.cost)
+        other = self._map.match(cloud, likely.T_map_lidar, sigma)
+        return other if other.cost < BETTER * best.cost else best
 
     def _sigma(self, motion: Motion, stamp_s: float) -> Float[np.ndarray, "6"]:
         return motion.sigma(stamp_s, (self._settings.acceleration_m_s2, self._settings.acceleration_rad_s2))
-
-    def _better(
-        self,
-        best: Match,
-        cloud: PreparedCloud,
-        starts: Sequence[Float[np.ndarray, "4 4"]],
-        sigma: Float[np.ndarray, "6"],
-    ) -> Match:
-        for start in starts:
-            other = self._map.match(cloud, start, sigma)
-            if other.cost < BETTER * best.cost:
-                best = other
-        return best
 
     def _remember(self, found: Match, lost: bool) -> None:
         self._lost_in_a_row = self._lost_in_a_row + 1 if lost else 0

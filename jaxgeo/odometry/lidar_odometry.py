@@ -14,6 +14,7 @@ from jaxgeo.errors import ScanError
 from jaxgeo.odometry.doubts import doubts
 from jaxgeo.odometry.gicp import GicpTracker
 from jaxgeo.odometry.kiss import KissTracker
+from jaxgeo.odometry.mid_sweep import centred, poses_at_stamps
 from jaxgeo.odometry.rigid import inverse
 from jaxgeo.odometry.scan_checks import checked_scans
 from jaxgeo.odometry.settings import OdometrySettings
@@ -69,28 +70,31 @@ def estimate_odometry(
         ScanError: fewer than two scans, a scan with too few points, stamps that do not increase.
         InputError: the library of the method is not installed.
     """
-    coming = checked_scans(scans, settings)
+    coming = ((scan, centred(scan) if settings.deskew else scan) for scan in checked_scans(scans, settings))
     first = list(itertools.islice(coming, FIRST))
     if len(first) < 2:
         raise ScanError(f"odometry: {len(first)} scan(s), expected two or more. Is this the right folder or topic?")
-    tracker = TRACKERS[settings.method](settings, first)
-    stamps, seconds, tracked = [], [], []
-    for scan in itertools.chain(first, coming):
+    tracker = TRACKERS[settings.method](settings, [middle for _, middle in first])
+    stamps, middles, seconds, tracked = [], [], [], []
+    for scan, middle in itertools.chain(first, coming):
         begun = time.perf_counter()
-        tracked.append(tracker.track(scan))
+        tracked.append(tracker.track(middle))
         seconds.append(time.perf_counter() - begun)
         stamps.append(scan.stamp_s)
+        middles.append(middle.stamp_s)
         if on_scan is not None:
             on_scan(scan, tracked[-1])
     stamp_s = np.array(stamps)
     return Odometry(
-        _trajectory(stamp_s, np.array([t.T_map_lidar for t in tracked]), T_body_lidar),
+        _trajectory(
+            stamp_s, poses_at_stamps(np.array(middles), [t.T_map_lidar for t in tracked], stamp_s), T_body_lidar
+        ),
         np.array([t.inlier_share for t in tracked]),
         np.array([t.deviation_m for t in tracked]),
         np.array([t.deviation_rad for t in tracked]),
         np.array([t.lost for t in tracked]),
         np.array(seconds),
-        voxel_of(first, settings),
+        voxel_of([scan for scan, _ in first], settings),
         doubts(stamp_s, tracked),
     )
 

@@ -50,15 +50,11 @@ class Motion:
         tangent = log_se3(inverse(self.T_map_lidar @ self.step(stamp_s)) @ T_map_lidar)
         return float(np.linalg.norm(tangent[:3])), float(np.linalg.norm(tangent[3:]))
 
-    def twist_to(self, stamp_s: float, T_map_lidar: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "6"]:
-        """The constant velocity from the last pose to this one."""
-        return log_se3(inverse(self.T_map_lidar) @ T_map_lidar) / (stamp_s - self.stamp_s)
-
     def after(self, stamp_s: float, T_map_lidar: Float[np.ndarray, "4 4"]) -> "Motion":
         """The state once the scan of `stamp_s` has its pose."""
         return Motion(
             stamp_s,
             T_map_lidar,
-            self.twist_to(stamp_s, T_map_lidar),
+            log_se3(inverse(self.T_map_lidar) @ T_map_lidar) / (stamp_s - self.stamp_s),
             MEMORY * self.deviation_squared + (1.0 - MEMORY) * np.square(self.deviation(stamp_s, T_map_lidar)),
         )

@@ -12,6 +12,7 @@ from jaxgeo.odometry.settings import OdometrySettings
 # A point finds a partner only in its own voxel, so the largest voxel is how far a start may be off
 VOXELS = (4.0, 2.0, 1.0)  # times the finest
 THINNED_TO = 0.5  # of the finest voxel: covariances need neighbours inside it
+SCOUT_THINNED_TO = 1.5
 # Floors and walls often lie along the first scan's axes: askew to them, the voxels' sides coincide with no surface,
 # which would scatter into the voxels on both sides of it
 T_GRID_MAP = exp_se3(np.array([0.37, 0.19, 0.23, 0.3, 0.4, 0.5]))
@@ -28,7 +29,7 @@ class Match:
     Attributes:
         T_map_lidar: the pose, the motion prior weighed in.
         inlier_share: share of the thinned points with a partner in the finest map.
-        mapped_share: with one in the coarsest: of the points where the map reaches at all.
+        mapped_share: with one at the resolution where most have one: the points where the map reaches at all.
         cost: mean half squared Mahalanobis distance in the finest map, those without partner at `UNMATCHED_COST`.
         converged: the finest registration did.
         held: what the scan says of its weakest direction over what the motion prior says of it, as a ratio of
@@ -54,6 +55,10 @@ class ScanMap:
     def prepare(self, points_m: Float[np.ndarray, "n 3"]) -> PreparedCloud:
         """The scan, thinned, with the covariances that GICP weighs with."""
         return prepare_cloud(points_m, THINNED_TO * self.voxel_m, self._settings.threads)
+
+    def thinned(self, cloud: PreparedCloud) -> PreparedCloud:
+        """About a tenth of a prepared scan's points: enough to compare starts with."""
+        return prepare_cloud(cloud.points_m, SCOUT_THINNED_TO * self.voxel_m, self._settings.threads)
 
     def insert(self, cloud: PreparedCloud, T_map_lidar: Float[np.ndarray, "4 4"]) -> None:
         """Add a scan at its pose."""

@@ -24,7 +24,7 @@ class OdometrySettings:
             interval dt is this times dt^2, or what the recent scans showed where that is more.
         points_per_measurement: so many matched points count as one independent measurement beside the motion model:
             neighbouring points share their errors.
-        min_inlier_share: a scan of which fewer points find the map is lost.
+        min_inlier_share: a scan is lost if, of its points where the map reaches at all, fewer find the map.
         map_horizon: parts of the map not seen again for so many insertions are forgotten.
         threads: of the libraries. One is enough for most sensors, and gives the same digits every time.
     """

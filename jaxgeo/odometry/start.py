@@ -23,12 +23,3 @@ def straightened(scan: Scan, twist: Float[np.ndarray, "6"] | None) -> Float[np.n
     if scan.time_s is None or twist is None:
         return scan.points_m
     return deskewed(scan.points_m, scan.time_s, twist)
-
-
-def bend_m(scan: Scan, twist: Float[np.ndarray, "6"], other: Float[np.ndarray, "6"]) -> float:
-    """How differently two velocities straighten a scan: at its typical range, over its sweep; 0 without times."""
-    if scan.time_s is None:
-        return 0.0
-    range_m = float(np.median(np.linalg.norm(scan.points_m, axis=1)))
-    change = np.linalg.norm(twist[:3] - other[:3]) + range_m * np.linalg.norm(twist[3:] - other[3:])
-    return float(change * np.ptp(scan.time_s))

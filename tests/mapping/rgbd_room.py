@@ -15,7 +15,14 @@ PIXELS_PER_M = 140
 def pinhole(t_body_cam_m=(0.0, 0.0, 0.0), rotvec=(0.0, 0.0, 0.0), model="none", distortion=()) -> RgbdCamera:
     quat = Rotation.from_rotvec(rotvec).as_quat(scalar_first=True)
     return rgbd_camera(
-        Camera(np.array([280.0, 282.0, 158.0, 121.0]), model, np.array(distortion), (320, 240), np.array(t_body_cam_m), quat)
+        Camera(
+            np.array([280.0, 282.0, 158.0, 121.0]),
+            model,
+            np.array(distortion),
+            (320, 240),
+            np.array(t_body_cam_m),
+            quat,
+        )
     )
 
 
@@ -50,8 +57,8 @@ def walls(seed: int) -> list[np.ndarray]:
 def photograph(textures, T_map_cam, camera: RgbdCamera, stamp_s=0.0, noise_m=0.0, seed=0) -> RgbdFrame:
     rays = np.concatenate([camera.rays, np.ones((*camera.rays.shape[:2], 1))], axis=-1)
     direction, at = rays @ T_map_cam[:3, :3].T, T_map_cam[:3, 3]
-    with np.errstate(divide="ignore"):
-        to_wall = (np.sign(direction) * HALF_M - at) / direction
+    direction = np.where(np.abs(direction) < 1e-9, 1e-9, direction)
+    to_wall = (np.sign(direction) * HALF_M - at) / direction
     axis = np.argmin(to_wall, axis=-1)
     depth = to_wall.min(axis=-1)
     points = at + direction * depth[..., None]

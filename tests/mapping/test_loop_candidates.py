@@ -1,5 +1,7 @@
 """Which pairs of keyframes are looked at."""
 
+import itertools
+
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -48,7 +50,7 @@ def test_a_keyframe_s_pairs_are_spread_and_few():
     for second in {one.second for one in found}:
         firsts = sorted(one.first for one in found if one.second == second)
         assert len(firsts) <= SETTINGS.per_keyframe
-        assert all(b - a >= SETTINGS.apart for a, b in zip(firsts[:-1], firsts[1:], strict=True))
+        assert all(b - a >= SETTINGS.apart for a, b in itertools.pairwise(firsts))
 
 
 def test_places_that_look_alike_are_found_where_the_odometry_has_drifted_away():

@@ -87,8 +87,8 @@ def test_twice_the_same_digits_and_scans_are_read_one_by_one(drove):
 
 
 def test_a_change_of_direction_at_a_slow_rate_is_found():
-    # Hand-held, 2.5 scans a second: 14 deg to the left, then 14 deg to the right, and so on
-    turn = np.radians(14.0)
+    # Hand-held, 2.5 scans a second: 30 deg to the left, then 30 deg to the right, and so on
+    turn = np.radians(30.0)
     headings = [turn * (k % 2) + 0.3 * turn * (k // 2 % 2) for k in range(12)]
     poses = [exp_se3(np.array([0.2 * k, 0.1 * (k % 3), 0, 0, 0, 0.0])) for k in range(12)]
     poses = np.array([T @ exp_se3(np.array([0, 0, 0, 0, 0, h])) for T, h in zip(poses, headings, strict=True)])

@@ -13,7 +13,7 @@ from typing import Any, Self
 import numpy as np
 from jaxtyping import Float
 
-import jaxgeo
+from jaxgeo import __version__
 from jaxgeo.errors import CloudError, InputError
 from jaxgeo.io.atomic import atomic_path
 from jaxgeo.io.clouds.chunk import COLOUR, CloudChunk, Columns, warn_left_out
@@ -138,7 +138,7 @@ class LasCloudWriter:
         offset_m = np.round(np.asarray(origin_enh_m, dtype=np.float64))
         self._shift_m = np.asarray(origin_enh_m, dtype=np.float64) - offset_m
         header.offsets, header.scales = offset_m, np.full(3, SCALE_M)
-        header.generating_software = f"jaxgeo {jaxgeo.__version__}"
+        header.generating_software = f"jaxgeo {__version__}"
         header.system_identifier = "jaxgeo"
         if standard_gps_time:
             header.global_encoding.gps_time_type = laspy.header.GpsTimeType.STANDARD
