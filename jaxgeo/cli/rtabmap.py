@@ -18,6 +18,7 @@ from jaxgeo.data import Rig
 from jaxgeo.errors import InputError
 from jaxgeo.export.json_text import json_text
 from jaxgeo.io.atomic import check_output_folder, output_folder
+from jaxgeo.io.g2o_graph import G2oGraph, write_g2o_graph
 from jaxgeo.io.rtabmap.calibration_blob import StoredCamera, rig_of
 from jaxgeo.io.rtabmap.database import RtabmapDatabase, open_rtabmap
 from jaxgeo.io.rtabmap.graph import RtabmapGraph
@@ -102,6 +103,12 @@ def _tables(database: RtabmapDatabase, folder: Path) -> dict[str, Any]:
         if trajectory is not None:
             write_tum(folder / f"{name}.tum", trajectory)
     graph = database.graph()
+    if len(graph.relative):
+        none_fixed = np.zeros(0, int)
+        ids = tuple(graph.id.tolist())
+        write_g2o_graph(
+            folder / "graph.g2o", G2oGraph(ids, graph.position_m, graph.quat_wxyz, graph.relative, none_fixed)
+        )
     nodes = database.nodes
     return {
         "database": database.path,

@@ -136,7 +136,7 @@ def solve_closure_graph(
     _check_settings(settings)
     quat_wxyz, edges = checked_graph(position_m, quat_wxyz, edges)
     origin = position_m[0]  # large coordinates would cost digits
-    graph = _graph_of(position_m - origin, quat_wxyz, edges, settings)
+    graph = graph_of(position_m - origin, quat_wxyz, edges, settings)
     graph, start, start_cost = _started(graph, position_m - origin, quat_wxyz, edges, settings)
     found = (
         _graduated(graph, settings)
@@ -175,12 +175,13 @@ def _check_settings(settings: ClosureSettings) -> None:
         raise ConfigError(f"max_steps {settings.max_steps} is below 1.")
 
 
-def _graph_of(
+def graph_of(
     position_m: Float[np.ndarray, "n 3"],
     quat_wxyz: Float[np.ndarray, "n 4"],
     edges: RelativePoses,
     settings: ClosureSettings,
 ) -> ClosureGraph:
+    """The graph that the solver sees, of checked input."""
     n, m = len(position_m), len(edges)
     root, definite = information_roots(edges)
     padded = pose_bucket(m)

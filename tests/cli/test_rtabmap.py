@@ -105,6 +105,7 @@ def test_everything_reads_back(tmp_path: Path) -> None:
 def test_without_images_and_scans(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     import_rtabmap(small(tmp_path / "map.db"), tmp_path / "out", images=False, scans=False, quiet=True)
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == [
+        "graph.g2o",
         "odometry.tum",
         "optimised.tum",
         "rig.yaml",

@@ -81,7 +81,8 @@ def test_passes_stay_apart_or_are_merged():
     assert apart.intensity is None
     merged = fuse_points(clouds, FusionSettings(0.1, pass_gap_s=None))
     np.testing.assert_allclose(merged.points_m, [[0.025, 0.02, 0.03]])
-    assert len(fuse_points(clouds, FusionSettings(0.1, pass_gap_s=3.0))) == 4
+    assert len(fuse_points(clouds, FusionSettings(0.1, pass_gap_s=3.9))) == 4
+    assert len(fuse_points(clouds, FusionSettings(0.1, pass_gap_s=4.0))) == 2
 
 
 def test_what_one_pose_alone_saw_is_left_out_on_demand():
@@ -141,3 +142,10 @@ def test_frames_of_a_room_fuse_to_its_walls_in_their_colours():
     inside = off_walls_m(points) < 1e-6
     own = fused.colour[np.argmin(((points[inside][:200, None] - fused.points_m[None]) ** 2).sum(axis=2), axis=1)]
     assert np.median(np.abs(own.astype(float) - clouds[0].colour[::50][inside][:200])) < 20.0
+
+
+def test_colours_are_red_green_blue():
+    camera = pinhole()
+    frame = photograph(walls(0), looking((0.0, 0.0, 0.0), 0.0), camera)
+    frame.image[:] = [255, 100, 7]  # blue first
+    assert set(map(tuple, cloud_of_frame(frame, camera, np.eye(4), 0).colour.tolist())) == {(7, 100, 255)}

@@ -44,7 +44,7 @@ def with_false_closures(edges: RelativePoses, n: int, count: int, seed: int = 0)
         first,
         first + rng.integers(5, n // 2, count),
         rng.normal(size=(count, 3)),
-        Rotation.random(count, rng=seed).as_quat(scalar_first=True),
+        Rotation.random(count, rng=rng).as_quat(scalar_first=True),
         edges.information[-count:],
     )
     return joined(edges.take(np.arange(len(edges) - count)), false)

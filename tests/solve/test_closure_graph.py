@@ -84,7 +84,7 @@ def test_chordal_start_forgets_the_given_poses_and_reaches_the_same_optimum() ->
     rng = np.random.default_rng(3)
     wild_position, wild_quat = (
         rng.normal(size=position.shape) * 100,
-        Rotation.random(len(quat), rng=3).as_quat(),
+        Rotation.random(len(quat), rng=rng).as_quat(),
     )
     wild_position[0], wild_quat[0] = position[0], quat[0]
     found = solve_closure_graph(wild_position, wild_quat, edges, ClosureSettings(start="best"))
@@ -101,7 +101,7 @@ def test_order_and_direction_of_edges_and_the_frame_do_not_matter(start) -> None
     settings = ClosureSettings(start=start)
     expected = solve_closure_graph(position, quat, edges, settings)
     rng = np.random.default_rng(4)
-    turn, shift = Rotation.random(rng=4), np.array([300.0, -200.0, 50.0])
+    turn, shift = Rotation.random(rng=rng), np.array([300.0, -200.0, 50.0])
     other = reversed_edges(edges, rng.random(len(edges)) < 0.5).take(rng.permutation(len(edges)))
     moved_quat = (turn * Rotation.from_quat(quat, scalar_first=True)).as_quat(scalar_first=True)
     found = solve_closure_graph(turn.apply(position) + shift, moved_quat, other, settings)
