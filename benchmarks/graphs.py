@@ -1,4 +1,4 @@
-"""Large pose graphs beside GTSAM, and false closures: `python -m benchmarks.graphs [--json]`. See docs/pose-graphs.md."""
+"""Large pose graphs beside GTSAM, and false closures: `python -m benchmarks.graphs [--json]`."""
 
 import json
 import os

@@ -14,11 +14,11 @@ import cv2
 import numpy as np
 
 from jaxgeo.cli.progress import Progress
-from jaxgeo.data import Rig
 from jaxgeo.errors import InputError
 from jaxgeo.export.json_text import json_text
 from jaxgeo.io.atomic import check_output_folder, output_folder
 from jaxgeo.io.g2o_graph import G2oGraph, write_g2o_graph
+from jaxgeo.io.rig_text import rig_yaml
 from jaxgeo.io.rtabmap.calibration_blob import StoredCamera, rig_of
 from jaxgeo.io.rtabmap.database import RtabmapDatabase, open_rtabmap
 from jaxgeo.io.rtabmap.graph import RtabmapGraph
@@ -28,7 +28,6 @@ from jaxgeo.io.rtabmap.nodes import there
 from jaxgeo.io.rtabmap.stored_images import StoredImages, colour_of, depth_of
 from jaxgeo.io.scans.write import write_scan
 from jaxgeo.io.tum import write_tum
-from jaxgeo.io.yaml_text import dump_yaml
 
 RECORD_FILE = "rtabmap.json"
 
@@ -71,22 +70,6 @@ def _check_no_mixture(out: Path, folders: tuple[str, ...]) -> None:
                 f"{out / name}: is there already, and its files would mix with those of the database. Remove it, or "
                 "give another folder."
             )
-
-
-def rig_yaml(rig: Rig) -> str:
-    """A rig as `jaxgeo.io.read_rig` reads it."""
-    cameras: dict[str, Any] = {}
-    for name, camera in rig.cameras.items():
-        cameras[name] = {
-            "model": "pinhole",
-            "intrinsics_px": camera.intrinsics_px.tolist(),
-            "distortion_model": camera.distortion_model,
-            "distortion": camera.distortion.tolist(),
-            **({} if camera.resolution_px is None else {"resolution_px": list(camera.resolution_px)}),
-            "t_body_cam_m": camera.t_body_cam_m.tolist(),
-            "quat_body_cam_wxyz": camera.quat_body_cam_wxyz.tolist(),
-        }
-    return dump_yaml({"cameras": cameras})
 
 
 def stamp_name(stamp_s: float) -> str:

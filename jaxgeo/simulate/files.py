@@ -15,7 +15,7 @@ from jaxgeo.simulate.truth_file import truth_json
 def write_session_files(session: SimulatedSession, folder: Path) -> Path:
     """Write survey, sightings, trajectories, truth and config into `folder`, all or nothing; the config's path."""
     with output_folder(folder) as temporary:
-        _write_survey(temporary / "survey.csv", session.survey)
+        write_survey(temporary / "survey.csv", session.survey)
         write_pose_sightings(temporary / "sightings.csv", session.sightings)
         for name, trajectory in session.trajectories.items():
             write_tum(temporary / f"{name}.tum", trajectory)
@@ -30,7 +30,8 @@ def session_name(session: SimulatedSession) -> str:
     return f"simulated_{session.layout.name.lower()}"
 
 
-def _write_survey(path: Path, survey: Survey) -> None:
+def write_survey(path: Path, survey: Survey) -> None:
+    """Write a survey with one sigma a location, as `read_survey` takes it."""
     rows = zip(survey.name, survey.enh_m.tolist(), survey.sigma_m[:, 0].tolist(), strict=True)
     write_lines(path, ["name,N,E,h,sigma_m", *(f"{name},{n!r},{e!r},{h!r},{s!r}" for name, (e, n, h), s in rows)])
 

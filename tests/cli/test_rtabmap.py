@@ -11,13 +11,14 @@ from data_root import data_root
 from rtabmap_database import OPTICAL, SmallDatabase, camera_blob, compressed, encoded, projection, rvl, scan_info_blob
 from typer.testing import CliRunner
 
-from jaxgeo.cli.rtabmap import import_rtabmap, rig_yaml, stamp_name
+from jaxgeo.cli.rtabmap import import_rtabmap, stamp_name
 from jaxgeo.cli.rtabmap_command import rtabmap
 from jaxgeo.data import Camera, Rig
 from jaxgeo.errors import InputError
 from jaxgeo.io import read_rig, read_tum
 from jaxgeo.io.frames.stamps import stamp_in_name
 from jaxgeo.io.rgbd.source import open_rgbd
+from jaxgeo.io.rig_text import rig_yaml
 from jaxgeo.io.scans.source import open_scans
 
 STAMPS = [1702296897.4249847, 1702296898.1, 1702296899.25]

@@ -96,3 +96,11 @@ def test_views_of_one_scene_are_more_alike_than_others():
     likeness = vectors @ vectors.T - 2.0 * np.eye(len(vectors))
     np.testing.assert_array_equal(np.argmax(likeness[:12], axis=1), np.arange(12) ^ 1)
     assert not vectors[12].any()
+
+
+def test_with_one_word_two_images_are_opposite():
+    """Differences from the mean of both sum to opposite vectors: VLAD by its definition."""
+    random = np.random.default_rng(0)
+    images = [Features(np.zeros((50, 2)), random.normal(size=(50, 16)).astype(np.float32), (9, 9)) for _ in range(2)]
+    first, second = image_vectors(images, words=1)
+    assert first @ second == pytest.approx(-1.0, abs=1e-3)

@@ -1,5 +1,7 @@
 """A walk to and fro over a square grid, tied to its neighbouring lanes: a small graph with many closures."""
 
+import dataclasses
+
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -36,24 +38,10 @@ def closure_grid(side: int = 8, seed: int = 0) -> tuple[np.ndarray, np.ndarray, 
     return np.array(position), Rotation.concatenate(rotation).as_quat(scalar_first=True), edges
 
 
-def with_false_closures(edges: RelativePoses, n: int, count: int, seed: int = 0) -> RelativePoses:
-    """The last closures replaced by false ones: random pairs, motions of a metre or so, as confident as the others."""
+def with_false_closures(edges: RelativePoses, rows: np.ndarray, seed: int = 0) -> RelativePoses:
+    """Some edges with motions of a metre or so that have nothing to do with the poses, as confident as before."""
     rng = np.random.default_rng(seed)
-    first = rng.integers(0, n // 2, count)
-    false = RelativePoses(
-        first,
-        first + rng.integers(5, n // 2, count),
-        rng.normal(size=(count, 3)),
-        Rotation.random(count, rng=rng).as_quat(scalar_first=True),
-        edges.information[-count:],
-    )
-    return joined(edges.take(np.arange(len(edges) - count)), false)
-
-
-def joined(a: RelativePoses, b: RelativePoses) -> RelativePoses:
-    pairs = zip(
-        (a.first, a.second, a.t_m, a.quat_wxyz, a.information),
-        (b.first, b.second, b.t_m, b.quat_wxyz, b.information),
-        strict=True,
-    )
-    return RelativePoses(*(np.concatenate(pair) for pair in pairs))
+    t_m, quat = edges.t_m.copy(), edges.quat_wxyz.copy()
+    t_m[rows] = rng.normal(size=(len(rows), 3))
+    quat[rows] = Rotation.random(len(rows), rng=rng).as_quat(scalar_first=True)
+    return dataclasses.replace(edges, t_m=t_m, quat_wxyz=quat)

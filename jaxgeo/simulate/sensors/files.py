@@ -9,13 +9,15 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
-from jaxgeo.data import Camera, Sightings, Survey
+from jaxgeo.data import Rig, Sightings
 from jaxgeo.data.scan import Scan
-from jaxgeo.io.atomic import output_folder, write_lines
+from jaxgeo.io.atomic import output_folder
+from jaxgeo.io.rig_text import rig_yaml
 from jaxgeo.io.scans.write import write_packed_scans
 from jaxgeo.io.sightings_csv import write_pose_sightings
 from jaxgeo.io.tum import write_tum
 from jaxgeo.io.yaml_text import dump_yaml
+from jaxgeo.simulate.files import write_survey
 from jaxgeo.simulate.layout import ORIGIN_ENH_M
 from jaxgeo.simulate.sensors.board import MARGIN_S, SIDE_M
 from jaxgeo.simulate.sensors.recording import DEPTH_UNIT_M, EncodedFrame, Recording
@@ -53,8 +55,8 @@ def write_recording(
 
 def write_side_files(recording: Recording, folder: Path) -> None:
     """What stands beside the sensors' data: survey, rig, truth; without a camera the sightings too."""
-    _write_survey(folder / "survey.csv", recording.session.survey)
-    (folder / "rig.yaml").write_text(dump_yaml(_rig(recording.rig.camera)), encoding="utf-8")
+    write_survey(folder / "survey.csv", recording.session.survey)
+    (folder / "rig.yaml").write_text(rig_yaml(Rig({CAMERA: recording.rig.camera})), encoding="utf-8")
     write_tum(folder / "truth.tum", recording.truth())
     truth = json.dumps(_truth(recording), indent=2, allow_nan=False, default=lambda array: array.tolist())
     (folder / "truth.json").write_text(truth + "\n", encoding="utf-8")
@@ -116,27 +118,6 @@ def _sightings(recording: Recording) -> Sightings:
     inside = [(time_s >= visit.arrive_s) & (time_s <= visit.leave_s) for visit in recording.visits]
     kept = np.logical_or.reduce([np.zeros(len(time_s), bool), *inside]) & (time_s <= recording.duration_s)
     return Sightings(**{field.name: getattr(every, field.name)[kept] for field in dataclasses.fields(every)})
-
-
-def _write_survey(path: Path, survey: Survey) -> None:
-    rows = zip(survey.name, survey.enh_m.tolist(), survey.sigma_m[:, 0].tolist(), strict=True)
-    write_lines(path, ["name,N,E,h,sigma_m", *(f"{name},{n!r},{e!r},{h!r},{s!r}" for name, (e, n, h), s in rows)])
-
-
-def _rig(camera: Camera) -> dict[str, Any]:
-    return {
-        "cameras": {
-            CAMERA: {
-                "model": "pinhole",
-                "intrinsics_px": camera.intrinsics_px.tolist(),
-                "distortion_model": camera.distortion_model,
-                "distortion": camera.distortion.tolist(),
-                "resolution_px": list(camera.resolution_px or ()),
-                "t_body_cam_m": camera.t_body_cam_m.tolist(),
-                "quat_body_cam_wxyz": camera.quat_body_cam_wxyz.tolist(),
-            }
-        }
-    }
 
 
 def _pose(pose: RigidTransform) -> dict[str, list[float]]:
