@@ -84,10 +84,8 @@ class MappingInput(Section):
 
     Attributes:
         voxel_m: one point of the cloud in each.
-        mesh: also make a mesh of the RGB-D frames.
         clouds: file type of the georeferenced clouds; none: make no cloud.
     """
 
     voxel_m: Positive = 0.1
-    mesh: bool = False
     clouds: Literal["laz", "las", "ply", "none"] = "laz"

@@ -25,11 +25,13 @@ class SolvedKeyframes:
     Attributes:
         T_map_body: (k, 4, 4).
         weight: (m,) of every edge, 0 rejected .. 1 accepted.
+        cost: of all edges, rejected ones at what rejecting them costs.
         result: how the solve ended; "converged" or why not.
     """
 
     T_map_body: Float[np.ndarray, "k 4 4"]
     weight: Float[np.ndarray, "m"]
+    cost: float
     result: str
 
 
@@ -38,10 +40,12 @@ def solve_keyframes(
 ) -> SolvedKeyframes:
     """Solve a graph and put the first keyframe back to where it was; a chain alone, made of these poses, is solved."""
     if len(edges) < len(T_map_body):
-        return SolvedKeyframes(T_map_body, np.ones(len(edges)), "converged")
+        return SolvedKeyframes(T_map_body, np.ones(len(edges)), 0.0, "converged")
     found = solve_closure_graph(*parts(T_map_body), edges, settings)
     solved = matrices(np.asarray(found.position_m), np.asarray(found.quat_wxyz))
-    return SolvedKeyframes(T_map_body[0] @ inverse(solved[0]) @ solved, np.asarray(found.weight), found.result)
+    return SolvedKeyframes(
+        T_map_body[0] @ inverse(solved[0]) @ solved, np.asarray(found.weight), found.total_cost, found.result
+    )
 
 
 def chain_and(

@@ -11,6 +11,7 @@ from jaxgeo.data.relative_poses import RelativePoses
 from jaxgeo.geometry import poses_at
 from jaxgeo.mapping.closure import Closure
 from jaxgeo.mapping.keyframe_graph import (
+    SolvedKeyframes,
     carried_covariance,
     chain_and,
     covariance_between,
@@ -27,6 +28,7 @@ _FACTORS = tuple(float(2.0 ** (k / 2)) for k in range(13))
 _CHI2_6_MEDIAN = 5.348
 _CHI2_6 = 22.46
 _NEIGHBOURHOOD = 10  # keyframes
+_HUSH = 1e-9  # factor on the information of closures that are not to be heard
 
 
 @dataclasses.dataclass(frozen=True)
@@ -68,6 +70,10 @@ def close_loops(
     How far odometry of unknown quality drifts is not known beforehand: its sigmas are first multiplied by what the
     closures that support one another ask for (`noise_factor`), never divided.
 
+    Truncated least squares has many minima, and odometry far from closed may lie in the basin of the one that rejects
+    every closure. So it is begun twice, at the odometry and where the supported closures alone lead without any loss;
+    the cheaper result counts.
+
     Args:
         T_map_body: keyframes by the odometry.
         covariance: of its edges.
@@ -75,11 +81,12 @@ def close_loops(
             their own covariance.
         start: better poses to start from.
     """
-    factor = noise_factor(T_map_body, covariance, closures)
+    supported = support(T_map_body, covariance, closures)
+    factor = noise_factor(T_map_body, covariance, [c for c, other in zip(closures, supported, strict=True) if other])
     edges = chain_and(T_map_body, covariance * factor**2, [*neighbours, *closures])
     begun = T_map_body if start is None else start
-    solved = solve_keyframes(begun, edges, settings)
     odometry = len(covariance) + len(neighbours)
+    solved = _better(begun, edges, np.concatenate([np.ones(odometry), supported]), settings)
     weight = solved.weight[odometry:]
     before, after = squared_residuals(begun, edges), squared_residuals(solved.T_map_body, edges)
     counted = np.concatenate([np.ones(odometry), weight])
@@ -96,16 +103,32 @@ def close_loops(
     )
 
 
+def _better(
+    begun: Float[np.ndarray, "k 4 4"],
+    edges: RelativePoses,
+    believed: Float[np.ndarray, "m"],
+    settings: ClosureSettings,
+) -> SolvedKeyframes:
+    solved = solve_keyframes(begun, edges, settings)
+    if settings.loss != "gnc" or solved.weight.min() > 0.5:
+        return solved
+    hushed = dataclasses.replace(edges, information=edges.information * np.maximum(believed, _HUSH)[:, None, None])
+    led = solve_keyframes(begun, hushed, dataclasses.replace(settings, loss="none"))
+    other = solve_keyframes(led.T_map_body, edges, settings)
+    return min((solved, other), key=lambda one: one.cost if one.result == "converged" else np.inf)
+
+
 def noise_factor(
-    T_map_body: Float[np.ndarray, "k 4 4"], covariance: Float[np.ndarray, "e 6 6"], closures: Sequence[Closure]
+    T_map_body: Float[np.ndarray, "k 4 4"], covariance: Float[np.ndarray, "e 6 6"], supported: Sequence[Closure]
 ) -> float:
     """The least factor on the odometry's sigmas with which the closures are as likely as not, 1 to 64.
 
     A closure's innovation `Log(Z^-1 T_first^-1 T_second)` has the covariance of the odometry between its ends plus its
-    own. The median over the closures that another one supports is compared with the median of chi-squared with six
-    degrees of freedom. Without support nothing is learned: one closure alone may be false.
+    own. Their median is compared with that of chi-squared with six degrees of freedom.
+
+    Args:
+        supported: closures that another one supports; one alone may be false, and nothing is learned from it.
     """
-    supported = [c for c, other in zip(closures, support(T_map_body, covariance, closures), strict=True) if other]
     if not supported:
         return 1.0
     carried = carried_covariance(T_map_body, covariance)

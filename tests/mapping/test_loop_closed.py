@@ -9,11 +9,12 @@ from jaxgeo.mapping import rigid
 from jaxgeo.mapping.closure import Closure
 from jaxgeo.mapping.keyframe_graph import carried_covariance, covariance_between, edge_covariance
 from jaxgeo.mapping.keyframes import Keyframes
-from jaxgeo.mapping.loop_closed import carried_to_all, close_loops, noise_factor, support
+from jaxgeo.mapping.loop_closed import LoopClosed, carried_to_all, close_loops, noise_factor, support
 from jaxgeo.solve.closure_graph import ClosureSettings
 
 GNC = ClosureSettings(loss="gnc", loss_width=4.1, start="given")
 SIGMA = np.array([0.02] * 3 + [0.003] * 3)
+STIFF = 1.6  # neighbours are registered so much better than loops
 
 
 def ring(n: int = 40) -> np.ndarray:
@@ -43,15 +44,18 @@ def covariance_of(n: int) -> np.ndarray:
 
 
 @pytest.fixture(scope="module")
-def solved() -> tuple[np.ndarray, np.ndarray, list[Closure], list[bool], object]:
+def solved() -> tuple[np.ndarray, np.ndarray, list[Closure], list[bool], LoopClosed]:
+    """Odometry that drifts far beyond its noise, neighbours that agree with it, true and false closures."""
     rng = np.random.default_rng(5)
     truth = ring()
-    odometry = drifted(truth, np.array([0.02, 0, 0, 0, 0, 0.004]))
-    true = [closure(truth, i, 39 - j, rng) for i, j in ((0, 0), (1, 0), (2, 1), (0, 2), (3, 3))]
+    odometry = drifted(truth, np.array([0.02, 0.01, 0, 0, 0, 0.012]))
+    steps = rigid.inverse(odometry[:-1]) @ odometry[1:]
+    stiff = [Closure(k, k + 1, steps[k], np.diag((SIGMA / STIFF) ** -2), 0.8, "lidar") for k in range(39)]
+    true = [closure(truth, i, 39 - j, rng) for i in range(6) for j in range(0, 6, 2)]
     false = [closure(truth, i, j, rng, np.array([3.0, -2.0, 0.5, 0, 0, 0.7])) for i, j in ((5, 20), (9, 31))]
-    mixed = [true[0], false[0], *true[1:4], false[1], true[4]]
-    is_true = [True, False, True, True, True, False, True]
-    return truth, odometry, mixed, is_true, close_loops(odometry, covariance_of(40), mixed, GNC)
+    mixed = [true[0], false[0], *true[1:9], false[1], *true[9:]]
+    is_true = [not any(c is other for other in false) for c in mixed]
+    return truth, odometry, mixed, is_true, close_loops(odometry, covariance_of(40), mixed, GNC, neighbours=stiff)
 
 
 def test_false_closures_are_rejected_and_true_ones_kept(solved):
@@ -66,7 +70,7 @@ def test_the_ring_is_closed(solved):
     gap_before = np.linalg.norm(odometry[-1, :3, 3] - truth[-1, :3, 3])
     gap_after = np.linalg.norm(found.T_map_body[-1, :3, 3] - truth[-1, :3, 3])
     assert gap_before > 1.0
-    assert gap_after < 0.1
+    assert gap_after < 0.2
     assert np.array_equal(found.T_map_body[0], odometry[0]) or np.allclose(found.T_map_body[0], odometry[0], atol=1e-12)
 
 
@@ -75,7 +79,8 @@ def test_the_drift_s_size_is_learned_from_closures_that_support_one_another(solv
     covariance = covariance_of(40)
     assert found.noise_factor > 2.0
     assert support(odometry, covariance, mixed) == is_true
-    assert noise_factor(odometry, covariance, [mixed[0]]) == 1.0  # one closure alone proves nothing
+    assert support(odometry, covariance, mixed[:1]) == [False]  # one closure alone proves nothing
+    assert noise_factor(odometry, covariance, []) == 1.0
 
 
 def test_odometry_as_good_as_assumed_is_not_doubted():

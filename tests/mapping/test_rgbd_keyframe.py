@@ -11,7 +11,7 @@ from jaxgeo.errors import ScanError
 from jaxgeo.mapping import rigid
 from jaxgeo.mapping.depth_gates import DepthGates, gated_depth
 from jaxgeo.mapping.image_features import SiftFeatures
-from jaxgeo.mapping.rgbd_camera import rgbd_camera
+from jaxgeo.mapping.rgbd_camera import frames_camera, rgbd_camera
 from jaxgeo.mapping.rgbd_keyframe import make_keyframe
 
 WALLS = walls(0)
@@ -83,3 +83,12 @@ def test_images_of_another_size_and_cameras_without_one_are_refused():
 def test_gates_that_leave_no_range_are_refused():
     with pytest.raises(ScanError, match=r"from 3.0 m to 1.0 m is no range"):
         DepthGates(min_m=3.0, max_m=1.0)
+
+
+def test_a_camera_takes_the_resolution_of_the_frames():
+    own = pinhole().camera
+    unknown = Camera(own.intrinsics_px, "none", np.zeros(0), None, np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
+    frame = photograph(WALLS, looking((0.0, 0.0, 0.0), 0.0), pinhole())
+    assert frames_camera(unknown, [frame]).resolution_px == (320, 240)
+    with pytest.raises(ScanError, match="the source holds none"):
+        frames_camera(unknown, [])
