@@ -14,8 +14,8 @@ import typer
 from jaxtyping import Float
 
 from jaxgeo.data import Camera
+from jaxgeo.geometry import rigid
 from jaxgeo.io.rgbd.source import open_rgbd
-from jaxgeo.mapping import rigid
 from jaxgeo.mapping.closure import Closure
 from jaxgeo.mapping.fusion import FusionSettings, PosedCloud, cloud_of_frame, fuse_points, model_distance
 from jaxgeo.mapping.fusion_open3d import TsdfVolume, mesh_distance

@@ -14,7 +14,7 @@ from jaxgeo.cli.map_files import write_cloud, write_graph_files, write_map_recor
 from jaxgeo.cli.odometry import Source, body_lidar_of
 from jaxgeo.cli.progress import Progress
 from jaxgeo.data import Camera, Trajectory
-from jaxgeo.errors import InputError, ScanError
+from jaxgeo.errors import InputError
 from jaxgeo.io.atomic import check_output_folder, output_folder
 from jaxgeo.io.input_warning import InputWarning
 from jaxgeo.io.rgbd.rgbd_source import RgbdSource
@@ -27,7 +27,7 @@ from jaxgeo.mapping.dense_map import DenseMap, build_map
 from jaxgeo.mapping.fusion import FusionSettings
 from jaxgeo.mapping.map_cloud import fuse_frames, fuse_scans, placed_frames
 from jaxgeo.mapping.map_settings import MapSettings
-from jaxgeo.mapping.rgbd_camera import RgbdCamera, rgbd_camera
+from jaxgeo.mapping.rgbd_camera import RgbdCamera, frames_camera
 
 # Depth cameras are exact near by: their cloud is this much finer than the scene's voxel.
 _RGBD_VOXEL = 0.25
@@ -172,7 +172,7 @@ def _fuse(folder: Path, inputs: _Inputs, found: DenseMap, options: MapOptions, p
         points["cloud.ply"] = write_cloud(folder / "cloud.ply", cloud)
     if inputs.frames is not None and inputs.camera is not None:
         name = "cloud.ply" if inputs.scans is None else "cloud_rgbd.ply"
-        camera = _sized(inputs.camera, inputs.frames)
+        camera = frames_camera(inputs.camera, inputs.frames)
         with progress.count("frames fused", inputs.frames.n_frames) as bar:
             fusion = FusionSettings(voxel_m=voxel_m or _RGBD_VOXEL * found.scale.voxel_m)
             cloud = fuse_frames(inputs.frames, found.trajectory, camera, fusion, bar.done)
@@ -180,13 +180,6 @@ def _fuse(folder: Path, inputs: _Inputs, found: DenseMap, options: MapOptions, p
         if options.mesh:
             points["mesh.ply"] = _write_mesh(folder / "mesh.ply", inputs.frames, found.trajectory, camera, voxel_m)
     return points
-
-
-def _sized(camera: Camera, frames: RgbdSource) -> RgbdCamera:
-    first = next(iter(frames), None)
-    if first is None:
-        raise ScanError("no RGB-D frame in the source. Is it complete?")
-    return rgbd_camera(camera, (first.image.shape[1], first.image.shape[0]))
 
 
 def _write_mesh(

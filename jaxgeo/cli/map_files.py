@@ -11,13 +11,14 @@ from jaxgeo import __version__
 from jaxgeo.data import Trajectory
 from jaxgeo.export.csv_text import csv_text
 from jaxgeo.export.json_text import json_text
+from jaxgeo.geometry.rigid import parts
 from jaxgeo.io.clouds import CloudChunk, cloud_writer
 from jaxgeo.io.g2o_graph import G2oGraph, write_g2o_graph
 from jaxgeo.io.tum import write_tum
 from jaxgeo.mapping.dense_map import DenseMap
+from jaxgeo.mapping.fused_columns import fused_columns
 from jaxgeo.mapping.fusion import FusedCloud
 from jaxgeo.mapping.map_settings import MapSettings
-from jaxgeo.mapping.rigid import parts
 from jaxgeo.mapping.submaps import path_length_m
 
 if TYPE_CHECKING:
@@ -64,16 +65,7 @@ def _closure_table(found: DenseMap) -> str:
 
 def write_cloud(path: Path, cloud: FusedCloud) -> int:
     """Write a fused cloud, every point with stamp and pose; its points."""
-    columns: dict[str, np.ndarray] = {
-        "stamp_s": cloud.stamp_s,
-        "pose_index": cloud.pose_index.astype(np.int32),
-        "hits": cloud.hits.astype(np.int32),
-    }
-    if cloud.colour is not None:
-        full = cloud.colour.astype(np.uint16) * 257  # 8 bits to the full range of 16
-        columns |= {name: full[:, axis] for axis, name in enumerate(("red", "green", "blue"))}
-    if cloud.intensity is not None:
-        columns["intensity"] = cloud.intensity.astype(np.float32)
+    columns = fused_columns(cloud)
     types = {name: values.dtype for name, values in columns.items()}
     with cloud_writer(path, types, np.zeros(3), None, comments=(f"voxel_m {cloud.voxel_m:g}",)) as writer:
         writer.append(CloudChunk(cloud.points_m, columns))

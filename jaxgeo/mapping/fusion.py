@@ -9,7 +9,7 @@ from scipy.spatial import KDTree
 
 from jaxgeo.data import RgbdFrame
 from jaxgeo.errors import CloudError
-from jaxgeo.mapping import rigid
+from jaxgeo.geometry import rigid
 from jaxgeo.mapping.depth_gates import DepthGates, gated_depth
 from jaxgeo.mapping.rgbd_camera import RgbdCamera
 from jaxgeo.mapping.rgbd_keyframe import depth_points

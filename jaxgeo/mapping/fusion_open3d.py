@@ -15,8 +15,8 @@ from jaxtyping import Float, Int, UInt8
 from jaxgeo.associate.camera_model import project
 from jaxgeo.data import RgbdFrame
 from jaxgeo.errors import CloudError, InputError
+from jaxgeo.geometry import rigid
 from jaxgeo.io.atomic import atomic_path
-from jaxgeo.mapping import rigid
 from jaxgeo.mapping.depth_gates import DepthGates, gated_depth
 from jaxgeo.mapping.rgbd_camera import RgbdCamera
 

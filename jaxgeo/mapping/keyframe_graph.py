@@ -8,9 +8,9 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxgeo.data.relative_poses import RelativePoses
+from jaxgeo.geometry.rigid import adjoint, inverse, log, matrices, parts
 from jaxgeo.graph.noise import LENGTH_FLOOR_M, OdometryNoise, edge_variances
 from jaxgeo.mapping.closure import Closure
-from jaxgeo.mapping.rigid import adjoint, inverse, log, matrices, parts
 from jaxgeo.solve.closure_graph import ClosureSettings, solve_closure_graph
 
 # Beside what grows with distance and turn, each edge errs by what placing a keyframe in time and space costs.

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from jaxgeo.data import Trajectory
 from jaxgeo.geometry import poses_at
-from jaxgeo.mapping.rigid import matrices
+from jaxgeo.geometry.rigid import matrices
 
 
 @dataclasses.dataclass(frozen=True)

@@ -8,10 +8,10 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial import KDTree
 
+from jaxgeo.geometry.rigid import apply, inverse, turn_rad
 from jaxgeo.mapping.closure import Closure
 from jaxgeo.mapping.closure_noise import registration_covariance, weakest_direction
 from jaxgeo.mapping.loop_candidates import LoopCandidate
-from jaxgeo.mapping.rigid import apply, inverse, turn_rad
 from jaxgeo.odometry.registration import PreparedCloud, Registration, prepare_cloud, register
 
 

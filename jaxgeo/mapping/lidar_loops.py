@@ -7,10 +7,10 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Float
 
+from jaxgeo.geometry.rigid import inverse
 from jaxgeo.mapping.closure import Closure
 from jaxgeo.mapping.lidar_closures import LidarPlace, VerificationSettings, lidar_closures, lidar_place
 from jaxgeo.mapping.loop_candidates import CandidateSettings, believable, loop_candidates
-from jaxgeo.mapping.rigid import inverse
 from jaxgeo.mapping.scan_context import ScanContexts, scan_context, scan_contexts
 from jaxgeo.mapping.scene_scale import SceneScale
 from jaxgeo.mapping.submaps import KeyframeClouds, path_length_m, submap

@@ -7,7 +7,7 @@ from jaxtyping import Float
 from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
-from jaxgeo.mapping.rigid import inverse, turn_rad
+from jaxgeo.geometry.rigid import inverse, turn_rad
 from jaxgeo.mapping.scan_context import SECTORS, ScanContexts, context_distance
 
 _SECTOR_RAD = 2.0 * np.pi / SECTORS

@@ -9,6 +9,7 @@ from jaxtyping import Float
 from jaxgeo.data import Trajectory
 from jaxgeo.data.relative_poses import RelativePoses
 from jaxgeo.geometry import poses_at
+from jaxgeo.geometry.rigid import adjoint, inverse, log, matrices, parts, trajectory_matrices
 from jaxgeo.mapping.closure import Closure
 from jaxgeo.mapping.keyframe_graph import (
     SolvedKeyframes,
@@ -19,7 +20,6 @@ from jaxgeo.mapping.keyframe_graph import (
     squared_residuals,
 )
 from jaxgeo.mapping.keyframes import Keyframes
-from jaxgeo.mapping.rigid import adjoint, inverse, log, matrices, parts, trajectory_matrices
 from jaxgeo.solve.closure_graph import ClosureSettings
 
 # Errors of odometry that nothing is known of, as multiples of the assumed noise.

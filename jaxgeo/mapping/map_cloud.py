@@ -7,10 +7,10 @@ from jaxtyping import Float
 
 from jaxgeo.data import RgbdFrame, Scan, Trajectory
 from jaxgeo.geometry import poses_at
+from jaxgeo.geometry.rigid import matrices
 from jaxgeo.mapping.fusion import FusedCloud, FusionSettings, PosedCloud, cloud_of_frame, fuse_points
 from jaxgeo.mapping.placed_scans import placed_scans
 from jaxgeo.mapping.rgbd_camera import RgbdCamera
-from jaxgeo.mapping.rigid import matrices
 
 
 def fuse_scans(

@@ -11,6 +11,7 @@ from jaxtyping import Float
 
 from jaxgeo.data import Camera, RgbdFrame, Scan, Trajectory
 from jaxgeo.errors import ConvergenceError, ScanError
+from jaxgeo.geometry.rigid import inverse, trajectory_matrices, turn_rad
 from jaxgeo.graph.noise_defaults import default_noise
 from jaxgeo.mapping.closure import Closure
 from jaxgeo.mapping.image_features import feature_method
@@ -23,7 +24,6 @@ from jaxgeo.mapping.map_settings import MapSettings
 from jaxgeo.mapping.refined_odometry import RefinedOdometry, refine_odometry
 from jaxgeo.mapping.rgbd_camera import rgbd_camera
 from jaxgeo.mapping.rgbd_loops import rgbd_keyframes, rgbd_loops
-from jaxgeo.mapping.rigid import inverse, trajectory_matrices, turn_rad
 from jaxgeo.mapping.scene_scale import SceneScale
 from jaxgeo.mapping.submaps import KeyframeClouds, keyframe_clouds, path_length_m
 from jaxgeo.solve.closure_graph import ClosureSettings

@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from jaxgeo.data import Scan, Trajectory
 from jaxgeo.geometry import poses_at
-from jaxgeo.mapping.rigid import adjoint, apply, inverse, log, matrices
+from jaxgeo.geometry.rigid import adjoint, apply, inverse, log, matrices
 from jaxgeo.odometry.deskew import deskewed
 
 

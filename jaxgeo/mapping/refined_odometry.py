@@ -6,11 +6,11 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from jaxtyping import Float, Int
 
+from jaxgeo.geometry.rigid import inverse, log
 from jaxgeo.mapping.closure import Closure
 from jaxgeo.mapping.keyframe_graph import chain_and, solve_keyframes
 from jaxgeo.mapping.lidar_closures import LidarPlace, VerificationSettings, agreement, lidar_closures
 from jaxgeo.mapping.loop_candidates import LoopCandidate
-from jaxgeo.mapping.rigid import inverse, log
 from jaxgeo.solve.closure_graph import ClosureSettings
 
 _CHI2_6 = 22.46  # 99.9 %

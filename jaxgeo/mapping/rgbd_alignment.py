@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.spatial.transform import Rotation
 
-from jaxgeo.mapping import rigid
+from jaxgeo.geometry import rigid
 from jaxgeo.mapping.depth_gates import DepthGates
 from jaxgeo.mapping.rgbd_camera import RgbdCamera
 from jaxgeo.mapping.rgbd_keyframe import RgbdKeyframe

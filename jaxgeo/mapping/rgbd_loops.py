@@ -8,13 +8,13 @@ from jaxtyping import Float
 
 from jaxgeo.data import RgbdFrame, Trajectory
 from jaxgeo.geometry import poses_at
+from jaxgeo.geometry.rigid import adjoint, inverse, matrices
 from jaxgeo.mapping.closure import Closure
 from jaxgeo.mapping.image_features import FeatureMethod
 from jaxgeo.mapping.keyframes import Keyframes
 from jaxgeo.mapping.rgbd_camera import RgbdCamera
 from jaxgeo.mapping.rgbd_closures import rgbd_closures
 from jaxgeo.mapping.rgbd_keyframe import RgbdKeyframe, make_keyframe
-from jaxgeo.mapping.rigid import adjoint, inverse, matrices
 
 
 def rgbd_keyframes(

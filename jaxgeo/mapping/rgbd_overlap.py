@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxgeo.associate.camera_model import project
-from jaxgeo.mapping import rigid
+from jaxgeo.geometry import rigid
 from jaxgeo.mapping.depth_gates import DepthGates
 from jaxgeo.mapping.rgbd_camera import RgbdCamera
 from jaxgeo.mapping.rgbd_keyframe import COARSE_PX, RgbdKeyframe

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 from jaxtyping import Bool, Float
 
-from jaxgeo.mapping import rigid
+from jaxgeo.geometry import rigid
 from jaxgeo.mapping.depth_gates import DepthGates
 
 

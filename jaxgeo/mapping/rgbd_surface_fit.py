@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 from jaxtyping import Float
 
-from jaxgeo.mapping import rigid
+from jaxgeo.geometry import rigid
 from jaxgeo.mapping.rgbd_keyframe import RgbdKeyframe
 from jaxgeo.odometry.registration import prepare_cloud, register
 

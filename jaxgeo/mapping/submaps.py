@@ -11,9 +11,9 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxgeo.data import Scan, Trajectory
+from jaxgeo.geometry.rigid import apply, inverse
 from jaxgeo.mapping.keyframes import Keyframes
 from jaxgeo.mapping.placed_scans import placed_scans
-from jaxgeo.mapping.rigid import apply, inverse
 from jaxgeo.mapping.scene_scale import SceneScale, thinned
 
 _PENDING = 10  # scans put together before they are thinned

@@ -7,9 +7,9 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxgeo.data import Scan
+from jaxgeo.geometry.rigid import exp, log
 from jaxgeo.odometry.motion import Motion
 from jaxgeo.odometry.registration import PreparedCloud
-from jaxgeo.odometry.rigid import exp_se3, log_se3
 from jaxgeo.odometry.scan_map import VOXELS, Match, ScanMap
 from jaxgeo.odometry.settings import OdometrySettings
 from jaxgeo.odometry.start import straightened, voxel_of
@@ -93,7 +93,7 @@ class GicpTracker:
         start = GicpTracker(dataclasses.replace(self._settings, deskew=False), first[:1])
         start.track(first[0])
         step = start.track(first[1])
-        return None if step.lost else log_se3(step.T_map_lidar) / (first[1].stamp_s - first[0].stamp_s)
+        return None if step.lost else log(step.T_map_lidar) / (first[1].stamp_s - first[0].stamp_s)
 
 
 def _other_motions(motion: Motion, expected: Float[np.ndarray, "4 4"]) -> list[Float[np.ndarray, "4 4"]]:
@@ -107,4 +107,4 @@ def _fan(expected: Float[np.ndarray, "4 4"], shift_m: float) -> list[Float[np.nd
     """Turned about the sensor's upright and cross axis, and shifted along its level ones."""
     tangents = [np.eye(6)[axis] * sign * angle for axis in (5, 4) for angle in FAN_RAD for sign in (1.0, -1.0)]
     tangents += [np.eye(6)[axis] * sign * shift_m for axis in (0, 1) for sign in (0.5, 1.0, -0.5, -1.0)]
-    return [expected @ exp_se3(tangent) for tangent in tangents]
+    return [expected @ exp(tangent) for tangent in tangents]

@@ -11,8 +11,8 @@ from scipy.spatial import KDTree
 
 from jaxgeo.data import Scan
 from jaxgeo.errors import InputError
+from jaxgeo.geometry.rigid import apply
 from jaxgeo.odometry.motion import Motion
-from jaxgeo.odometry.rigid import moved
 from jaxgeo.odometry.settings import OdometrySettings
 from jaxgeo.odometry.start import straightened, voxel_of
 from jaxgeo.odometry.tracked import Tracked
@@ -48,7 +48,7 @@ class KissTracker:
         self._icp.last_delta = step  # its own takes stamps for even
         _, source = self._icp.register_frame(points_m, np.empty(0))
         T = np.array(self._icp.last_pose)
-        distance_m, _ = KDTree(before).query(moved(T, np.asarray(source)), distance_upper_bound=self._voxel_m)
+        distance_m, _ = KDTree(before).query(apply(T, np.asarray(source)), distance_upper_bound=self._voxel_m)
         share = float(np.mean(np.isfinite(distance_m)))
         deviation_m, deviation_rad = self._motion.deviation(scan.stamp_s, T)
         self._motion = self._motion.after(scan.stamp_s, T)

@@ -11,11 +11,11 @@ from scipy.spatial.transform import Rotation
 
 from jaxgeo.data import Scan, Trajectory
 from jaxgeo.errors import ScanError
+from jaxgeo.geometry.rigid import inverse
 from jaxgeo.odometry.doubts import doubts
 from jaxgeo.odometry.gicp import GicpTracker
 from jaxgeo.odometry.kiss import KissTracker
 from jaxgeo.odometry.mid_sweep import centred, poses_at_stamps
-from jaxgeo.odometry.rigid import inverse
 from jaxgeo.odometry.scan_checks import checked_scans
 from jaxgeo.odometry.settings import OdometrySettings
 from jaxgeo.odometry.start import voxel_of

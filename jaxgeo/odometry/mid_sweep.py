@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxgeo.data import Scan
-from jaxgeo.odometry.rigid import exp_se3, inverse, log_se3
+from jaxgeo.geometry.rigid import exp, inverse, log
 
 GAP = 2.0  # times the interval on the other side: across it nobody keeps a velocity
 
@@ -39,8 +39,8 @@ def poses_at_stamps(
             found.append(T_map_lidar[k])
             continue
         i = _interval(middle_s, k, at_s)
-        step = log_se3(inverse(T_map_lidar[i]) @ T_map_lidar[i + 1]) / (middle_s[i + 1] - middle_s[i])
-        found.append(T_map_lidar[k] @ exp_se3((at_s - middle_s[k]) * step))
+        step = log(inverse(T_map_lidar[i]) @ T_map_lidar[i + 1]) / (middle_s[i + 1] - middle_s[i])
+        found.append(T_map_lidar[k] @ exp((at_s - middle_s[k]) * step))
     return inverse(found[0]) @ np.array(found)
 
 

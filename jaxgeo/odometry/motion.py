@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 from jaxtyping import Float
 
-from jaxgeo.odometry.rigid import exp_se3, inverse, log_se3
+from jaxgeo.geometry.rigid import exp, inverse, log
 
 EXTRAPOLATE_S = 1.0  # over longer gaps nobody keeps a velocity
 FLOOR = np.array([0.02, 0.01])  # m, rad: the noise of the poses themselves, of which the velocity is a difference
@@ -33,7 +33,7 @@ class Motion:
         """The motion expected until `stamp_s`, `T_last_next`."""
         if self.twist is None:
             return np.eye(4)
-        return exp_se3(self.twist * min(stamp_s - self.stamp_s, EXTRAPOLATE_S))
+        return exp(self.twist * min(stamp_s - self.stamp_s, EXTRAPOLATE_S))
 
     def sigma(self, stamp_s: float, acceleration: tuple[float, float]) -> Float[np.ndarray, "6"]:
         """Standard deviations of that expectation, (m, rad): an acceleration over the interval, or what was seen."""
@@ -47,7 +47,7 @@ class Motion:
         """How far a pose lies from the expected one, (m, rad); a first step deviates from nothing."""
         if self.twist is None:
             return 0.0, 0.0
-        tangent = log_se3(inverse(self.T_map_lidar @ self.step(stamp_s)) @ T_map_lidar)
+        tangent = log(inverse(self.T_map_lidar @ self.step(stamp_s)) @ T_map_lidar)
         return float(np.linalg.norm(tangent[:3])), float(np.linalg.norm(tangent[3:]))
 
     def after(self, stamp_s: float, T_map_lidar: Float[np.ndarray, "4 4"]) -> "Motion":
@@ -55,6 +55,6 @@ class Motion:
         return Motion(
             stamp_s,
             T_map_lidar,
-            log_se3(inverse(self.T_map_lidar) @ T_map_lidar) / (stamp_s - self.stamp_s),
+            log(inverse(self.T_map_lidar) @ T_map_lidar) / (stamp_s - self.stamp_s),
             MEMORY * self.deviation_squared + (1.0 - MEMORY) * np.square(self.deviation(stamp_s, T_map_lidar)),
         )

@@ -5,8 +5,8 @@ import dataclasses
 import numpy as np
 from jaxtyping import Float
 
+from jaxgeo.geometry.rigid import exp, inverse, log
 from jaxgeo.odometry.registration import PreparedCloud, VoxelMap, prepare_cloud, register
-from jaxgeo.odometry.rigid import exp_se3, inverse, log_se3
 from jaxgeo.odometry.settings import OdometrySettings
 
 # A point finds a partner only in its own voxel, so the largest voxel is how far a start may be off
@@ -15,7 +15,7 @@ THINNED_TO = 0.5  # of the finest voxel: covariances need neighbours inside it
 SCOUT_THINNED_TO = 1.5
 # Floors and walls often lie along the first scan's axes: askew to them, the voxels' sides coincide with no surface,
 # which would scatter into the voxels on both sides of it
-T_GRID_MAP = exp_se3(np.array([0.37, 0.19, 0.23, 0.3, 0.4, 0.5]))
+T_GRID_MAP = exp(np.array([0.37, 0.19, 0.23, 0.3, 0.4, 0.5]))
 UNMATCHED_COST = 3.0  # of a point without partner, in half squared sigmas
 # GICP makes of every neighbourhood a disc with a sigma of 1 m: two discs of one plane still weigh 1 / (1 + 1) 1/m^2
 # along it, though they say nothing there
@@ -82,9 +82,9 @@ class ScanMap:
             found = register(level, cloud, T_GRID_MAP @ T, 2.0 * level.voxel_m)
             shares.append(found.inlier_share)
             information = _held_information(cloud, found.information, found.inlier_share)
-            x = log_se3(inverse(T_GRID_MAP @ T_map_expected) @ found.T_target_source)
+            x = log(inverse(T_GRID_MAP @ T_map_expected) @ found.T_target_source)
             weighed = information / self._settings.points_per_measurement
-            T = T_map_expected @ exp_se3(np.linalg.solve(weighed + prior, weighed @ x))
+            T = T_map_expected @ exp(np.linalg.solve(weighed + prior, weighed @ x))
         return Match(
             T,
             found.inlier_share,

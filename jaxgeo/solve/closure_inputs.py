@@ -93,8 +93,12 @@ def information_roots(edges: RelativePoses) -> tuple[Float[np.ndarray, "m 6 6"],
         )
     try:
         return np.linalg.cholesky(information).transpose(0, 2, 1), np.ones(len(edges), bool)
-    except np.linalg.LinAlgError:
-        pass  # one at least is singular, or worse: eigenvalues tell which
+    except np.linalg.LinAlgError:  # one at least is singular, or worse: eigenvalues tell which
+        return _roots_by_eigenvalues(edges)
+
+
+def _roots_by_eigenvalues(edges: RelativePoses) -> tuple[Float[np.ndarray, "m 6 6"], Bool[np.ndarray, "m"]]:
+    information = edges.information
     values, vectors = np.linalg.eigh(information)
     bad = np.flatnonzero(values[:, 0] < -_NEGATIVE_SLACK * values[:, -1])
     if bad.size:

@@ -18,7 +18,7 @@ from jaxgeo.graph.closure_graph import ClosureGraph, closure_noise, edge_costs, 
 from jaxgeo.graph.soa import Vec3
 from jaxgeo.solve.closure_cg import solve_joints
 from jaxgeo.solve.closure_linearise import all_increments, condensed, on_joints
-from jaxgeo.solve.measurement_space import _advance as advance
+from jaxgeo.solve.measurement_space import advance
 
 # A rejected step multiplies the damping by 8 (from 0: sets 1/8), an accepted one divides it; below 1/64 it is dropped.
 _DAMPING_FACTOR = 8.0

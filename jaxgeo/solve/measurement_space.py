@@ -53,7 +53,7 @@ class State(eqx.Module):
     stuck: Bool[Array, ""]
 
 
-def _advance(poses: Poses, delta: Float[Array, "6 n"]) -> Poses:
+def advance(poses: Poses, delta: Float[Array, "6 n"]) -> Poses:
     """`Exp(delta) T`, quaternions renormalised."""
     quat, t = se3_soa.exp((delta[0], delta[1], delta[2]), (delta[3], delta[4], delta[5]))
     q = soa.quat_mul(quat, poses.quat)
@@ -92,7 +92,7 @@ def damped_step(state: State, graph: PoseGraph) -> tuple[Poses, Globals]:
         noise_rot = soa.add(noise_rot, soa.scale(edges.length_m, step.bias_rot))
     noise = compute_once(always, (noise_trans, noise_rot))
     delta = increments_from(edges, delta_0, noise, new_glob.log_scale - state.glob.log_scale)
-    return _advance(state.poses, compute_once(always, prefix_sum(delta))), new_glob
+    return advance(state.poses, compute_once(always, prefix_sum(delta))), new_glob
 
 
 class MeasurementSpaceLM(optx.AbstractLeastSquaresSolver):

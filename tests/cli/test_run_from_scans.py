@@ -16,9 +16,9 @@ from jaxgeo.cli.main import BAD_INPUT, main
 from jaxgeo.cli.progress import Progress
 from jaxgeo.config import load_config
 from jaxgeo.data import Sightings
+from jaxgeo.geometry import rigid
 from jaxgeo.io.scans.write import write_packed_scans
 from jaxgeo.io.sightings_csv import write_pose_sightings
-from jaxgeo.mapping import rigid
 
 ORIGIN_ENH_M = np.array([79300.0, 76800.0, 300.0])
 GRID_FROM_WORLD = rigid.matrices(np.array([12.0, -7.0, 3.0]), Rotation.from_euler("z", 0.7).as_quat(scalar_first=True))

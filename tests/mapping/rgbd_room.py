@@ -5,7 +5,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from jaxgeo.data import Camera, RgbdFrame
-from jaxgeo.mapping import rigid
+from jaxgeo.geometry import rigid
 from jaxgeo.mapping.rgbd_camera import RgbdCamera, rgbd_camera
 
 HALF_M = np.array([2.0, 1.6, 1.3])  # the room: from -HALF_M to HALF_M

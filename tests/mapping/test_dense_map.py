@@ -9,7 +9,7 @@ from walled_loop import drifting, rmse_m, scans_of, walk, world
 
 from jaxgeo.data import Scan, Trajectory
 from jaxgeo.errors import ScanError
-from jaxgeo.mapping import rigid
+from jaxgeo.geometry import rigid
 from jaxgeo.mapping.dense_map import DenseMap, build_map
 from jaxgeo.mapping.map_settings import MapSettings
 

@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 from rgbd_room import body_pose, looking, off_walls_m, photograph, pinhole, walls
 
 from jaxgeo.errors import CloudError
-from jaxgeo.mapping import rigid, voxel_table
+from jaxgeo.geometry import rigid
+from jaxgeo.mapping import voxel_table
 from jaxgeo.mapping.fusion import FusionSettings, PosedCloud, cloud_of_frame, fuse_points, model_distance
 
 

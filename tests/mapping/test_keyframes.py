@@ -3,7 +3,7 @@
 import numpy as np
 
 from jaxgeo.data import Trajectory
-from jaxgeo.mapping import rigid
+from jaxgeo.geometry import rigid
 from jaxgeo.mapping.keyframes import choose_keyframes
 
 

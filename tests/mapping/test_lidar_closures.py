@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from walled_loop import RANGE_M, walk, world
 
-from jaxgeo.mapping import rigid
+from jaxgeo.geometry import rigid
 from jaxgeo.mapping.closure import Closure
 from jaxgeo.mapping.closure_noise import registration_covariance, weakest_direction
 from jaxgeo.mapping.lidar_closures import LidarPlace, VerificationSettings, lidar_closures, lidar_place, verify

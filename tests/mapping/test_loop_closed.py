@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from jaxgeo.data import Trajectory
+from jaxgeo.geometry import rigid
 from jaxgeo.graph.noise_defaults import default_noise
-from jaxgeo.mapping import rigid
 from jaxgeo.mapping.closure import Closure
 from jaxgeo.mapping.keyframe_graph import carried_covariance, covariance_between, edge_covariance
 from jaxgeo.mapping.keyframes import Keyframes
@@ -14,7 +14,6 @@ from jaxgeo.solve.closure_graph import ClosureSettings
 
 GNC = ClosureSettings(loss="gnc", loss_width=4.1, start="given")
 SIGMA = np.array([0.02] * 3 + [0.003] * 3)
-STIFF = 1.6  # neighbours are registered so much better than loops
 
 
 def ring(n: int = 40) -> np.ndarray:
@@ -45,12 +44,12 @@ def covariance_of(n: int) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def solved() -> tuple[np.ndarray, np.ndarray, list[Closure], list[bool], LoopClosed]:
-    """Odometry that drifts far beyond its noise, neighbours that agree with it, true and false closures."""
+    """Odometry that drifts far beyond its noise, neighbours that drift less, true and false closures."""
     rng = np.random.default_rng(5)
     truth = ring()
     odometry = drifted(truth, np.array([0.02, 0.01, 0, 0, 0, 0.012]))
-    steps = rigid.inverse(odometry[:-1]) @ odometry[1:]
-    stiff = [Closure(k, k + 1, steps[k], np.diag((SIGMA / STIFF) ** -2), 0.8, "lidar") for k in range(39)]
+    half = drifted(truth, np.array([0.005, 0, 0, 0, 0, 0.003]))
+    stiff = [closure(half, k, k + 1, rng) for k in range(39)]
     true = [closure(truth, i, 39 - j, rng) for i in range(6) for j in range(0, 6, 2)]
     false = [closure(truth, i, j, rng, np.array([3.0, -2.0, 0.5, 0, 0, 0.7])) for i, j in ((5, 20), (9, 31))]
     mixed = [true[0], false[0], *true[1:9], false[1], *true[9:]]
@@ -78,7 +77,9 @@ def test_the_drift_s_size_is_learned_from_closures_that_support_one_another(solv
     _, odometry, mixed, is_true, found = solved
     covariance = covariance_of(40)
     assert found.noise_factor > 2.0
-    assert support(odometry, covariance, mixed) == is_true
+    supported = np.array(support(odometry, covariance, mixed))
+    assert not supported[~np.array(is_true)].any()
+    assert supported.sum() > 9  # of 18
     assert support(odometry, covariance, mixed[:1]) == [False]  # one closure alone proves nothing
     assert noise_factor(odometry, covariance, []) == 1.0
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from jaxgeo.mapping import rigid
+from jaxgeo.geometry import rigid
 from jaxgeo.mapping.closure import Closure
 from jaxgeo.mapping.rgbd_loops import _at_keyframes
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from walled_loop import scans_of, walk, world
 
+from jaxgeo.geometry import rigid
 from jaxgeo.graph.noise_defaults import default_noise
-from jaxgeo.mapping import rigid
 from jaxgeo.mapping.keyframe_graph import edge_covariance
 from jaxgeo.mapping.lidar_closures import LidarPlace, VerificationSettings, lidar_place
 from jaxgeo.mapping.refined_odometry import refine_odometry

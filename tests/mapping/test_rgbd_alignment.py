@@ -7,7 +7,7 @@ import pytest
 from rgbd_room import body_pose, looking, photograph, pinhole, walls
 from scipy.optimize import approx_fprime
 
-from jaxgeo.mapping import rigid
+from jaxgeo.geometry import rigid
 from jaxgeo.mapping.depth_gates import DepthGates
 from jaxgeo.mapping.image_features import SiftFeatures
 from jaxgeo.mapping.rgbd_alignment import AlignmentSettings, align_keyframes

@@ -9,7 +9,7 @@ from data_root import data_root
 from rgbd_room import body_pose, looking, photograph, pinhole, walls
 
 from jaxgeo.data import Camera, RgbdFrame
-from jaxgeo.mapping import rigid
+from jaxgeo.geometry import rigid
 from jaxgeo.mapping.image_features import SiftFeatures
 from jaxgeo.mapping.rgbd_alignment import align_keyframes
 from jaxgeo.mapping.rgbd_camera import rgbd_camera

@@ -8,7 +8,7 @@ from rgbd_room import body_pose, looking, off_walls_m, photograph, pinhole, wall
 
 from jaxgeo.data import Camera
 from jaxgeo.errors import ScanError
-from jaxgeo.mapping import rigid
+from jaxgeo.geometry import rigid
 from jaxgeo.mapping.depth_gates import DepthGates, gated_depth
 from jaxgeo.mapping.image_features import SiftFeatures
 from jaxgeo.mapping.rgbd_camera import frames_camera, rgbd_camera

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from jaxgeo.data import Scan, Trajectory
-from jaxgeo.mapping import rigid
+from jaxgeo.geometry import rigid
 
 STEP_S = 0.5
 RANGE_M = 6.0

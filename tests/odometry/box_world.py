@@ -3,7 +3,7 @@
 import numpy as np
 
 from jaxgeo.data import Scan
-from jaxgeo.odometry.rigid import exp_se3
+from jaxgeo.geometry.rigid import exp
 
 HALL = (np.array([-15.0, -10.0, -1.5]), np.array([45.0, 10.0, 8.0]))  # seen from inside
 CRATES = [
@@ -42,7 +42,7 @@ def scan_at(T_map_lidar, twist, stamp_s, index=0, *, noise_m=0.01, room=HALL, bo
     azimuth = np.repeat(np.linspace(0.0, 2 * np.pi, columns, endpoint=False), rings)
     elevation = np.tile(np.radians(np.linspace(-25.0, 25.0, rings)), columns)
     ray = np.stack([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)], 1)
-    poses = np.array([T_map_lidar @ exp_se3(t * twist) for t in time_s[::rings]]).repeat(rings, axis=0)
+    poses = np.array([T_map_lidar @ exp(t * twist) for t in time_s[::rings]]).repeat(rings, axis=0)
     direction = np.einsum("nij,nj->ni", poses[:, :3, :3], ray)
     range_m = distances_m(poses[:, :3, 3], direction, room, boxes) + rng.normal(0.0, noise_m, len(ray))
     near = range_m < max_range_m
@@ -51,7 +51,7 @@ def scan_at(T_map_lidar, twist, stamp_s, index=0, *, noise_m=0.01, room=HALL, bo
 
 def drive(n, twist, *, start_s=1000.0, dt_s=0.1, **world):
     """(scans, T_map_lidar (n, 4, 4)) of a drive at constant velocity from the map's origin."""
-    poses = np.array([exp_se3(k * dt_s * twist) for k in range(n)])
+    poses = np.array([exp(k * dt_s * twist) for k in range(n)])
     return [scan_at(T, twist, start_s + k * dt_s, k, **world) for k, T in enumerate(poses)], poses
 
 

@@ -4,8 +4,8 @@ from box_world import HALL, scan_at
 from hypothesis import given
 from hypothesis import strategies as st
 
+from jaxgeo.geometry.rigid import apply, exp
 from jaxgeo.odometry.deskew import deskewed
-from jaxgeo.odometry.rigid import exp_se3, moved
 
 TURNING = np.array([3.0, 0.2, 0.0, 0.1, -0.2, 2.0])
 
@@ -15,7 +15,7 @@ def test_each_point_is_moved_by_its_own_pose(twist, turns):
     twist = twist * np.repeat([1.0, turns], 3)
     rng = np.random.default_rng(0)
     points_m, time_s = rng.normal(size=(20, 3)) * 10.0, rng.uniform(-0.2, 0.1, 20)
-    expected = [moved(exp_se3(t * twist), p[None])[0] for p, t in zip(points_m, time_s, strict=True)]
+    expected = [apply(exp(t * twist), p[None])[0] for p, t in zip(points_m, time_s, strict=True)]
     np.testing.assert_allclose(deskewed(points_m, time_s, twist), expected, atol=1e-9)
 
 

@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from jaxgeo.data import Scan
 from jaxgeo.errors import InputError, ScanError
+from jaxgeo.geometry.rigid import exp, inverse
 from jaxgeo.odometry.lidar_odometry import OdometrySettings, estimate_odometry
-from jaxgeo.odometry.rigid import exp_se3, inverse
 
 FAST = np.array([6.0, 0.0, 0.0, 0.0, 0.0, 0.5])
 
@@ -42,7 +42,7 @@ def test_kiss_follows_scattered_points():
     rng = np.random.default_rng(0)
     ray = rng.normal(size=(15, 6000, 3))
     ray /= np.linalg.norm(ray, axis=2, keepdims=True)
-    poses = np.array([exp_se3(0.1 * k * np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.3])) for k in range(15)])
+    poses = np.array([exp(0.1 * k * np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.3])) for k in range(15)])
     scans = [
         Scan(0.1 * k, u * distances_m(T[:3, 3], u @ T[:3, :3].T, HALL, CRATES)[:, None], None, None, f"scan {k}", k)
         for k, (T, u) in enumerate(zip(poses, ray, strict=True))
@@ -64,7 +64,7 @@ def test_deskewing_is_what_keeps_a_fast_drive_straight(drove):
 
 def test_the_body_may_be_another_frame_than_the_sensor(drove):
     scans, _ = drove
-    T_body_lidar = exp_se3(np.array([0.5, -0.2, 1.0, 0.3, -0.2, 2.0]))
+    T_body_lidar = exp(np.array([0.5, -0.2, 1.0, 0.3, -0.2, 2.0]))
     lidar = estimate_odometry(scans[:6]).trajectory
     body = estimate_odometry(scans[:6], T_body_lidar=T_body_lidar).trajectory
     for k in (0, 5):
@@ -90,8 +90,8 @@ def test_a_change_of_direction_at_a_slow_rate_is_found():
     # Hand-held, 2.5 scans a second: 30 deg to the left, then 30 deg to the right, and so on
     turn = np.radians(30.0)
     headings = [turn * (k % 2) + 0.3 * turn * (k // 2 % 2) for k in range(12)]
-    poses = [exp_se3(np.array([0.2 * k, 0.1 * (k % 3), 0, 0, 0, 0.0])) for k in range(12)]
-    poses = np.array([T @ exp_se3(np.array([0, 0, 0, 0, 0, h])) for T, h in zip(poses, headings, strict=True)])
+    poses = [exp(np.array([0.2 * k, 0.1 * (k % 3), 0, 0, 0, 0.0])) for k in range(12)]
+    poses = np.array([T @ exp(np.array([0, 0, 0, 0, 0, h])) for T, h in zip(poses, headings, strict=True)])
     scans = without_times([scan_at(T, np.zeros(6), 0.4 * k, k) for k, T in enumerate(poses)])
     assert errors_m(estimate_odometry(scans), poses).max() < 0.03
 
@@ -113,7 +113,7 @@ def test_in_a_tunnel_the_motion_model_goes_on_and_is_named():
     start = [(np.array([x, y, -1.5]), np.array([x + 1, y + 1, h])) for x, y, h in CRATES_AT_THE_START]
     world = {"room": (np.array([-15.0, -3.0, -1.5]), np.array([500.0, 3.0, 3.0])), "boxes": start, "max_range_m": 30.0}
     speed = np.minimum(5.0, 0.3 * np.arange(38))
-    truth = np.array([exp_se3(np.array([x, 0, 0, 0, 0, 0])) for x in 0.1 * np.cumsum(speed)])
+    truth = np.array([exp(np.array([x, 0, 0, 0, 0, 0])) for x in 0.1 * np.cumsum(speed)])
     scans = [
         scan_at(T, np.array([v, 0, 0, 0, 0, 0]), 0.1 * k, k, **world)
         for k, (T, v) in enumerate(zip(truth, speed, strict=True))

@@ -6,7 +6,7 @@ whole metres. Read is every version that laspy reads.
 
 import contextlib
 import struct
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, Self
 
@@ -17,6 +17,7 @@ from jaxgeo import __version__
 from jaxgeo.errors import CloudError, InputError
 from jaxgeo.io.atomic import atomic_path
 from jaxgeo.io.clouds.chunk import COLOUR, CloudChunk, Columns, warn_left_out
+from jaxgeo.io.clouds.laszip_head import laszip_problem
 from jaxgeo.io.clouds.source import CHUNK, CloudSource
 from jaxgeo.io.clouds.wkt import las_wkt
 
@@ -26,6 +27,7 @@ _OWN = {"stamp_s": "gps_time"}
 _RANK_STEP = 0.006  # degrees in a step of `scan_angle` (point formats 6 and above); `scan_angle_rank` is in degrees
 _FLOAT = "_float"
 _NAME_BYTES = 32
+_TEXT_AREA = ("LASF_Spec", 3)
 _WAVE = ("wavepacket_index", "wavepacket_offset", "wavepacket_size", "return_point_wave_location", "x_t", "y_t", "z_t")
 _UNDECODABLE = (RuntimeError, ValueError, OSError, EOFError, struct.error, OverflowError, MemoryError)
 
@@ -42,7 +44,8 @@ class LasCloud(CloudSource):
         self.path = path
         with self._reader() as reader:
             header = reader.header
-            _check_header(path, header)
+            with self._decoding("at its table of chunks"):
+                _check_header(path, header)
             kinds: dict[str, Any] = {d.name: d for d in header.point_format.dimensions if d.name not in ("X", "Y", "Z")}
             left_out = [name for name, d in kinds.items() if name in _WAVE or d.num_elements != 1]
             warn_left_out(path, left_out, "waveforms and lists of numbers are not carried on")
@@ -104,7 +107,11 @@ class LasCloud(CloudSource):
         laspy = laspy_library()
         try:
             yield
-        except (laspy.errors.LaspyException, *_UNDECODABLE) as failure:
+        except BaseException as failure:
+            # A panic of lazrs is no Exception.
+            known = (laspy.errors.LaspyException, *_UNDECODABLE)
+            if not isinstance(failure, known) and type(failure).__name__ != "PanicException":
+                raise
             raise CloudError(
                 f"{self.path}: not readable as LAS {where}: {' '.join(str(failure).split())[:200]}. Was copying or "
                 "writing it cut off, or is it of another format?"
@@ -121,8 +128,9 @@ class LasCloudWriter:
         origin_enh_m: Float[np.ndarray, "3"],
         crs: str | None,
         standard_gps_time: bool = False,
+        comments: Sequence[str] = (),
     ) -> None:
-        """`crs`: None writes no CRS (a site frame).
+        """`crs`: None writes no CRS (a site frame). `comments` become the file's text area description.
 
         Raises:
             InputError: laspy is not installed.
@@ -145,6 +153,9 @@ class LasCloudWriter:
         header.global_encoding.wkt = True
         if crs is not None:
             header.vlrs.append(laspy.vlrs.known.WktCoordinateSystemVlr(las_wkt(crs)))
+        if comments:
+            text = "\n".join(comments).encode() + b"\0"
+            header.vlrs.append(laspy.VLR(*_TEXT_AREA, description="text area description", record_data=text))
         standard = {d.name: d for d in header.point_format.dimensions}
         self._places, extra = _places(path, columns, standard)
         self._limits = {name: _limits(standard[own]) for name, own in self._places.items() if own in standard}
@@ -223,6 +234,8 @@ def _check_header(path: str | Path, header: Any) -> None:
             "numbers, scales not zero. Is the file damaged?"
         )
     if header.are_points_compressed:
+        if problem := laszip_problem(path, header):
+            raise CloudError(f"{path}: not readable as LAZ: {problem}. Was copying or writing it cut off?")
         return
     size = Path(path).stat().st_size
     there = max(size - header.offset_to_point_data, 0) // header.point_format.size

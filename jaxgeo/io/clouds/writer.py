@@ -40,7 +40,7 @@ def cloud_writer(
         origin_enh_m: of the points to come. LAS is written in full coordinates, PLY about it.
         crs: `EPSG:<code>[+<code>]`; None: a site frame without a datum.
         standard_gps_time: LAS: mark the stamps as GPS seconds less 1e9.
-        comments: PLY: more lines for its header.
+        comments: lines for the head of the file (LAS: its text area description).
 
     Raises:
         CloudError: another suffix.
@@ -57,6 +57,6 @@ def cloud_writer(
         case ".las" | ".laz":
             from jaxgeo.io.clouds.las import LasCloudWriter
 
-            return LasCloudWriter(path, columns, origin_enh_m, crs, standard_gps_time)
+            return LasCloudWriter(path, columns, origin_enh_m, crs, standard_gps_time, comments)
         case other:
             raise CloudError(f"{path}: suffix {other!r}; a cloud is written as {', '.join(SUFFIXES)}.")

@@ -1,7 +1,7 @@
 """Rigid motions as 4x4 NumPy matrices, the front end's form of a pose; tangents are (translation, rotation).
 
 The estimators work on quaternions through JAX (`jaxgeo.geometry`); a front end that handles one pose at a time would
-wait for its dispatch. The two agree (`tests/mapping/test_rigid.py`).
+wait for its dispatch. The two agree (`tests/geometry/test_rigid.py`).
 """
 
 import numpy as np

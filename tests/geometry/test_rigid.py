@@ -4,8 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxgeo.geometry import se3_exp, se3_log, se3_parts
-from jaxgeo.mapping import rigid
+from jaxgeo.geometry import rigid, se3_exp, se3_log, se3_parts
 
 
 @pytest.mark.parametrize("size", [0.0, 1e-9, 1e-3, 0.3, 2.5])
