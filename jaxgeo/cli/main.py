@@ -20,6 +20,7 @@ from jaxgeo.cli.odometry_command import odometry
 from jaxgeo.cli.rtabmap_command import rtabmap
 from jaxgeo.cli.simulate_sensors_command import simulate_sensors
 from jaxgeo.cli.study_commands import study
+from jaxgeo.cli.warp_command import warp
 from jaxgeo.errors import JaxgeoError
 
 INTERNAL_ERROR = 1
@@ -239,6 +240,7 @@ def marker_map(
 for name, command in {
     "odometry": odometry,
     "map": map_,
+    "warp": warp,
     "compare": compare,
     "rtabmap": rtabmap,
     "simulate-sensors": simulate_sensors,

@@ -200,8 +200,9 @@ def fitted_rmse_m(position_m, truth_m):
 
 def test_real_hand_held_scans_of_a_narrow_sensor():
     scans, poses = packed(data_root() / "lidar" / "hku1.npz", "optimized_poses")
-    found = estimate_odometry(scans)
-    assert fitted_rmse_m(found.trajectory.position_m, poses[:, :, 3]) < 0.2  # of 64 m; measured 0.09
+    found = estimate_odometry(scans[:160])
+    # Of half the way; all of it, 64 m, ends 0.09 m off (`benchmarks.mapping`)
+    assert fitted_rmse_m(found.trajectory.position_m, poses[:160, :, 3]) < 0.15
     assert not found.lost.any()
 
 
