@@ -133,6 +133,8 @@ def file_hashes(files: tuple[Path, ...]) -> dict[str, str]:
     """SHA-256 of every input, by its path below the folder that holds them all (two folders may hold one name)."""
     if not files:
         return {}
+    # Inputs are absolute; what was made of images and scans lies where --out says, which may be relative.
+    files = tuple(path.absolute() for path in files)
     root = Path(os.path.commonpath([path.parent for path in files]))
     return {path.relative_to(root).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
 

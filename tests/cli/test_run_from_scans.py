@@ -120,7 +120,8 @@ def test_a_second_run_uses_what_is_there(run, monkeypatch):
 
     monkeypatch.setattr("jaxgeo.cli.computed.estimate_odometry", refuse)
     monkeypatch.setattr("jaxgeo.cli.computed.build_map", refuse)
-    code = main(["run", str(run / "config.yaml"), "--out", str(run / "out"), "--quiet", "--set", "mapping.clouds=none"])
+    monkeypatch.chdir(run)  # by relative paths too
+    code = main(["run", "config.yaml", "--out", "out", "--quiet", "--set", "mapping.clouds=none"])
     assert code == 0
     assert (run / "out" / "computed" / "icp" / "trajectory.tum").read_bytes() == before
     again = json.loads((run / "out" / "metrics.json").read_text())

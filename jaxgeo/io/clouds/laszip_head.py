@@ -4,6 +4,7 @@ lazrs asks for memory by these numbers, and ends the whole process where there i
 far. Layout: Isenburg, "LASzip: lossless compression of LiDAR data" (2013), and the source of LASzip.
 """
 
+import importlib
 import struct
 from pathlib import Path
 from typing import Any
@@ -36,7 +37,7 @@ def laszip_problem(path: str | Path, header: Any) -> str | None:
 
 
 def _table_problem(path: str | Path, header: Any, chunk_size: int, record: bytes) -> str | None:
-    import lazrs  # what laspy decompresses with
+    lazrs: Any = importlib.import_module("lazrs")  # what laspy decompresses with
 
     start, size = header.offset_to_point_data, Path(path).stat().st_size
     with Path(path).open("rb") as file:

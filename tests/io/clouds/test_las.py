@@ -1,3 +1,4 @@
+import struct
 import sys
 from pathlib import Path
 
@@ -48,7 +49,7 @@ def test_laspy_and_proj_read_place_and_system(tmp_path: Path, suffix: str, crs: 
     horizontal, *vertical = found.sub_crs_list if found.is_compound else [found]
     assert horizontal.to_json_dict()["id"] == {"authority": "EPSG", "code": code}
     assert [part.name for part in vertical] == ([] if height is None else [height])
-    # x is the easting whether a reader goes by the text's axes or by convention; the register itself has LUREF's N first
+    # x is the easting, whether a reader goes by the text's axes or by convention; the register has LUREF's N first
     assert [axis.direction for axis in horizontal.axis_info] == ["east", "north"]
     register = pyproj.CRS.from_epsg(code)
     in_order = enh_m[:2] if register.axis_info[0].direction == "east" else enh_m[1::-1]
@@ -75,10 +76,10 @@ def test_what_is_written_reads_back(tmp_path: Path, suffix: str) -> None:
 
 
 def test_an_origin_between_metres_is_no_offset(tmp_path: Path) -> None:
-    path = write(tmp_path / "a.las", CloudChunk(np.array([[0.1, 0.2, 0.3]]), {}), ORIGIN + [0.4, 0.6, 0.25])
+    path = write(tmp_path / "a.las", CloudChunk(np.array([[0.1, 0.2, 0.3]]), {}), ORIGIN + np.array([0.4, 0.6, 0.25]))
     las = laspy.read(path)
     assert las.header.offsets.tolist() == [79_300.0, 76_801.0, 300.0]
-    np.testing.assert_allclose([las.x[0], las.y[0], las.z[0]], ORIGIN + [0.5, 0.8, 0.55], atol=1e-9)
+    np.testing.assert_allclose([las.x[0], las.y[0], las.z[0]], ORIGIN + np.array([0.5, 0.8, 0.55]), atol=1e-9)
 
 
 def test_an_intensity_that_is_no_integer_is_kept(tmp_path: Path) -> None:
@@ -143,24 +144,44 @@ def test_a_cut_file_is_refused(tmp_path: Path, suffix: str) -> None:
             whole(open_cloud(path), 200)
 
 
+@pytest.mark.filterwarnings("ignore::jaxgeo.io.input_warning.InputWarning")
 @pytest.mark.parametrize("suffix", [".las", ".laz"])
 def test_a_damaged_file_is_read_or_refused(tmp_path: Path, suffix: str) -> None:
     """Whatever byte is wrong: numbers, or a CloudError; never another exception."""
     data = bytearray(write(tmp_path / f"a{suffix}", some_cloud(20)).read_bytes())
     path, random = tmp_path / f"b{suffix}", np.random.default_rng(0)
     refused = 0
-    for _ in range(120):
+    for _ in range(100):
         at = int(random.integers(len(data)))
         kept, data[at] = data[at], int(random.integers(256))
         path.write_bytes(data)
         data[at] = kept
         try:
             source = open_cloud(path)
-            if source.n_points < 10_000:
-                whole(source, 1000)
+            for chunk in source.chunks(1000) if source.n_points < 10_000 else ():
+                assert chunk.points_m.shape == (len(chunk), 3)
         except CloudError:
             refused += 1
     assert refused > 0
+
+
+def test_what_laz_says_of_its_chunks_is_not_believed(tmp_path: Path) -> None:
+    """The decompressor would ask for that much memory, and end the process."""
+    data = write(tmp_path / "a.laz", some_cloud(20)).read_bytes()
+    with laspy.open(tmp_path / "a.laz") as reader:
+        start, record = reader.header.offset_to_point_data, reader.header.vlrs.get("LasZipVlr")[0].record_data
+    (table,) = struct.unpack_from("<q", data, start)
+    spoils = {
+        r"would lie at byte 9\d+ of": (start, struct.pack("<q", 9 * 10**15)),
+        "its table has 4000000000 chunks for 20 points": (table + 4, struct.pack("<I", 4_000_000_000)),
+        "its chunks would hold 4000000000 points": (data.index(record) + 12, struct.pack("<I", 4_000_000_000)),
+        "its compressed points have .* bytes, its format": (data.index(record) + 36, struct.pack("<H", 60_000)),
+        "not readable as LA[SZ]": (table + 9, b"\xff\xff"),
+    }
+    for message, (at, wrong) in spoils.items():
+        (tmp_path / "b.laz").write_bytes(data[:at] + wrong + data[at + len(wrong) :])
+        with pytest.raises(CloudError, match=message):
+            open_cloud(tmp_path / "b.laz")
 
 
 def test_what_is_no_las(tmp_path: Path) -> None:
