@@ -5,12 +5,12 @@ import contextlib
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any, ClassVar, Generic, Literal, TypeVar
 
-from jaxgeo.errors import DetectError, ScanError
-from jaxgeo.io.frames.frame import OnBad
+from jaxgeo.errors import DetectError, InputError, ScanError
 from jaxgeo.io.input_warning import InputWarning
 
+OnBad = Literal["raise", "skip"]
 Item = TypeVar("Item")
 
 
@@ -25,15 +25,18 @@ class ItemSource(abc.ABC, Generic[Item]):
         noun: what an item is called in messages.
         on_bad: what an unreadable item does: `raise` a ScanError, or be left out, counted and warned of (`skip`).
         bad: index -> message of the unreadable items met so far.
+        error: what is raised of the source, `unreadable` of a single item.
     """
 
+    error: ClassVar[type[InputError]] = ScanError
+    unreadable: ClassVar[type[InputError]] = UnreadableItemError
     noun: str
     on_bad: OnBad
     bad: dict[int, str]
 
     def __init__(self, noun: str, on_bad: OnBad) -> None:
         if on_bad not in ("raise", "skip"):
-            raise ScanError(f"on_bad is {on_bad!r}, expected 'raise' or 'skip'.")
+            raise self.error(f"on_bad is {on_bad!r}, expected 'raise' or 'skip'.")
         self.noun = noun
         self.on_bad = on_bad
         self.bad = {}
@@ -51,12 +54,12 @@ class ItemSource(abc.ABC, Generic[Item]):
             ScanError: `start` is negative; an item is unreadable and `on_bad` is `raise`.
         """
         if start < 0:
-            raise ScanError(f"Reading is to start at {self.noun} {start}, expected 0 or more.")
+            raise self.error(f"Reading is to start at {self.noun} {start}, expected 0 or more.")
         n_bad = 0
         for index, read in self._entries(start):
             try:
                 item = read()
-            except UnreadableItemError as failure:
+            except self.unreadable as failure:
                 if self.on_bad == "raise":
                     raise
                 self.bad[index] = str(failure)

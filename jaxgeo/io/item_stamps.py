@@ -11,11 +11,10 @@ from jaxtyping import Float
 
 from jaxgeo.errors import ScanError
 from jaxgeo.io.frames.folder import natural_key
-from jaxgeo.io.frames.frame import OnBad
 from jaxgeo.io.frames.stamp_table import read_stamp_table
 from jaxgeo.io.frames.stamps import check_rate, number_of, seconds, stamp_in_name, unit_of
 from jaxgeo.io.input_warning import InputWarning
-from jaxgeo.io.item_source import raised_as
+from jaxgeo.io.item_source import OnBad, raised_as
 from jaxgeo.io.text_table import TextTable, read_table, text_column
 
 

@@ -123,7 +123,7 @@ def test_resumes_at_every_frame(tmp_path):
     for start in range(6):
         frames = list(source.frames(start))
         assert [(f.index, f.stamp_s) for f in frames] == [(i, i / 2) for i in range(start, 4)]
-    with pytest.raises(DetectError, match=r"start at frame -1"):
+    with pytest.raises(DetectError, match=r"start at image -1"):
         next(source.frames(-1))
 
 

@@ -8,9 +8,8 @@ from typing import NoReturn
 from jaxgeo.data import RgbdFrame
 from jaxgeo.errors import ScanError
 from jaxgeo.io.bag_reader import BagMessage, BagReader, MessageKind, topics_of_types
-from jaxgeo.io.frames.frame import OnBad
 from jaxgeo.io.frames.image_message import image_of_compressed_message, image_of_message
-from jaxgeo.io.item_source import raised_as
+from jaxgeo.io.item_source import OnBad, raised_as
 from jaxgeo.io.rgbd.depth import check_depth_unit, depth_of_compressed_message, depth_of_message
 from jaxgeo.io.rgbd.pairs import check_gap, check_paired, nearest_pairs
 from jaxgeo.io.rgbd.rgbd_source import RgbdSource, UnreadableFrameError, frame_of_images

@@ -6,9 +6,8 @@ from pathlib import Path
 
 from jaxgeo.data import RgbdFrame
 from jaxgeo.errors import ScanError
-from jaxgeo.io.frames.frame import OnBad
 from jaxgeo.io.frames.pixels import decoded_image
-from jaxgeo.io.item_source import raised_as
+from jaxgeo.io.item_source import OnBad, raised_as
 from jaxgeo.io.item_stamps import StampedFile, check_stamp_choice, stamped_files
 from jaxgeo.io.rgbd.associations import ImagePair, read_associations
 from jaxgeo.io.rgbd.depth import check_depth_unit, depth_of_file

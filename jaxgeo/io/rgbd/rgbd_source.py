@@ -6,8 +6,7 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from jaxgeo.data import RgbdFrame
-from jaxgeo.io.frames.frame import OnBad
-from jaxgeo.io.item_source import ItemSource, UnreadableItemError
+from jaxgeo.io.item_source import ItemSource, OnBad, UnreadableItemError
 
 
 class RgbdSource(ItemSource[RgbdFrame]):

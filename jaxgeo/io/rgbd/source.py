@@ -6,8 +6,7 @@ from typing import Any, Literal
 
 from jaxgeo.errors import ScanError
 from jaxgeo.io.bag_reader import BAG_SUFFIXES
-from jaxgeo.io.frames.frame import OnBad
-from jaxgeo.io.item_source import check_keys, is_bag_folder
+from jaxgeo.io.item_source import OnBad, check_keys, is_bag_folder
 from jaxgeo.io.rgbd.bag import BagRgbd
 from jaxgeo.io.rgbd.folder import FolderRgbd
 from jaxgeo.io.rgbd.rgbd_source import RgbdSource

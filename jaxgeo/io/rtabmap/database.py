@@ -17,7 +17,7 @@ import numpy as np
 
 from jaxgeo.data import RgbdFrame, Rig, Scan, Trajectory
 from jaxgeo.errors import InputError
-from jaxgeo.io.frames.frame import OnBad
+from jaxgeo.io.item_source import OnBad
 from jaxgeo.io.rtabmap.blobs import blob
 from jaxgeo.io.rtabmap.calibration_blob import StoredCamera, rig_of, stored_cameras
 from jaxgeo.io.rtabmap.connection import columns_of, open_read_only, refusals

@@ -7,7 +7,7 @@ from pathlib import Path
 from jaxgeo.data import Scan
 from jaxgeo.errors import ScanError
 from jaxgeo.io.bag_reader import BagMessage, BagReader, MessageKind
-from jaxgeo.io.frames.frame import OnBad
+from jaxgeo.io.item_source import OnBad
 from jaxgeo.io.scans.columns import scan_of_columns
 from jaxgeo.io.scans.point_cloud2 import columns_of_message
 from jaxgeo.io.scans.scan_source import ScanSource, UnreadableScanError

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from jaxgeo.data import Scan
 from jaxgeo.errors import ScanError
-from jaxgeo.io.frames.frame import OnBad
+from jaxgeo.io.item_source import OnBad
 from jaxgeo.io.item_stamps import check_stamp_choice, stamped_files
 from jaxgeo.io.scans.columns import scan_of_columns
 from jaxgeo.io.scans.scan_file import SCAN_SUFFIXES, read_scan_file

@@ -10,7 +10,7 @@ from jaxtyping import Float, Int
 from jaxgeo.data import Scan
 from jaxgeo.errors import ScanError
 from jaxgeo.io.checks import LARGEST_STAMP_S
-from jaxgeo.io.frames.frame import OnBad
+from jaxgeo.io.item_source import OnBad
 from jaxgeo.io.item_stamps import check_increasing_stamps, check_stamp_choice, listed_stamps, rate_stamps
 from jaxgeo.io.scans.columns import scan_of_columns
 from jaxgeo.io.scans.npz import check_columns, columns_of_points, load_arrays, points_of_arrays

@@ -3,8 +3,7 @@
 from collections.abc import Iterator
 
 from jaxgeo.data import Scan
-from jaxgeo.io.frames.frame import OnBad
-from jaxgeo.io.item_source import ItemSource, UnreadableItemError
+from jaxgeo.io.item_source import ItemSource, OnBad, UnreadableItemError
 
 
 class ScanSource(ItemSource[Scan]):

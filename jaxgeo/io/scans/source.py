@@ -5,8 +5,7 @@ from typing import Any, Literal
 
 from jaxgeo.errors import ScanError
 from jaxgeo.io.bag_reader import BAG_SUFFIXES
-from jaxgeo.io.frames.frame import OnBad
-from jaxgeo.io.item_source import check_keys, is_bag_folder
+from jaxgeo.io.item_source import OnBad, check_keys, is_bag_folder
 from jaxgeo.io.scans.bag import BagScans
 from jaxgeo.io.scans.folder import FolderScans
 from jaxgeo.io.scans.packed import PackedScans
