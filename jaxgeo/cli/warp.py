@@ -25,7 +25,7 @@ from jaxgeo.io.trajectory_file import read_trajectory
 from jaxgeo.mapping.carried_after import CorrectedTrajectory, read_corrected
 from jaxgeo.mapping.carried_by import BY, Chosen, choose_by, place_finder
 from jaxgeo.mapping.carried_extent import Extent, MeanCorrection, check_one_frame, check_same_motion, mean_correction
-from jaxgeo.mapping.carried_near import carry_near, stations_of
+from jaxgeo.mapping.carried_near import carry_near, reach_of, stations_of
 from jaxgeo.mapping.carry import PoseCorrections, carry, pose_corrections, turn
 
 Carrier = Callable[[CloudChunk, Extent], CloudChunk]
@@ -139,11 +139,14 @@ def _by_column(
 
 def _by_nearest(corrections: PoseCorrections) -> Callable[[CloudChunk, Extent], tuple[CloudChunk, CloudChunk]]:
     stations = stations_of(corrections)
+    reach_m: float | None = None
 
     def carried(chunk: CloudChunk, extent: Extent) -> tuple[CloudChunk, CloudChunk]:
-        found = carry_near(corrections, stations, chunk.points_m, chunk.normal)
-        extent.n_twice += int(found.twice.sum())
-        extent.gap_m = max(extent.gap_m, float(found.gap_m.max(initial=0.0)))
+        nonlocal reach_m
+        if reach_m is None and len(chunk):
+            reach_m = reach_of(corrections, stations, chunk.points_m)
+        found = carry_near(corrections, stations, chunk.points_m, reach_m or 0.0, chunk.normal)
+        extent.add_gaps(found.gap_m[found.twice])
         return _moved(chunk, found.points_m, found.normal), chunk
 
     return carried
@@ -196,9 +199,9 @@ def _say_losses(source: CloudSource, extent: Extent, chosen: Chosen) -> None:
         )
     if extent.n_twice:
         warnings.warn(
-            f"{source.path}: {extent.n_twice:,} of {extent.n:,} points lie where the trajectory passes more than once, "
-            f"and nothing says which pass saw them: they went between the passes, which are up to {extent.gap_m:.3f} m "
-            "apart there.",
+            f"{source.path}: {extent.n_twice:,} of {extent.n:,} points may have been seen in another pass of the "
+            f"trajectory, and nothing says in which: the other one would have put them {extent.gap_rms_m:.3f} m away "
+            f"(RMS; at most {extent.gap_m:.3f} m). A cloud with stamps or pose indices would leave no doubt.",
             InputWarning,
             stacklevel=2,
         )
@@ -225,8 +228,8 @@ def _record(
         "hold_s": chosen.hold_s,
         "scale": corrections.scale,
         "poses": {"before": len(corrections.before_stamp_s), "paired": len(corrections)},
-        "points": {"written": extent.n, "outside": chosen.n_outside, "between_passes": extent.n_twice},
-        "widest_gap_of_passes_m": extent.gap_m if extent.n_twice else None,
+        "points": {"written": extent.n, "outside": chosen.n_outside, "of_unknown_pass": extent.n_twice},
+        "between_passes_m": {"rms": extent.gap_rms_m, "max": extent.gap_m} if extent.n_twice else None,
         "one_rigid_transform": {"rotation": mean.rotation, "translation_m": mean.translation_m, "scale": mean.scale},
         "from_one_rigid_transform_m": {"rms": extent.rms_m, "max": extent.largest_m},
     }

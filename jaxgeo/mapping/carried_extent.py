@@ -32,13 +32,15 @@ class Extent:
     Attributes:
         n: points carried.
         sum_square_m2, largest_m: distances from where one rigid transform would have put them.
-        n_twice, gap_m: of the nearest poses: points between two passes, and the widest gap between these.
+        n_twice, gap_square_m2, gap_m: by the nearest poses: points that another pass may have seen, sum of squares and
+            largest of how far off that one would have put them.
     """
 
     n: int = 0
     sum_square_m2: float = 0.0
     largest_m: float = 0.0
     n_twice: int = 0
+    gap_square_m2: float = 0.0
     gap_m: float = 0.0
 
     def add(self, carried_m: Float[np.ndarray, "n 3"], rigid_m: Float[np.ndarray, "n 3"]) -> None:
@@ -47,9 +49,19 @@ class Extent:
         self.sum_square_m2 += float(square_m2.sum())
         self.largest_m = max(self.largest_m, float(np.sqrt(square_m2.max(initial=0.0))))
 
+    def add_gaps(self, gap_m: Float[np.ndarray, "n"]) -> None:
+        """Of the points alone that another pass may have seen."""
+        self.n_twice += len(gap_m)
+        self.gap_square_m2 += float(np.sum(gap_m**2))
+        self.gap_m = max(self.gap_m, float(gap_m.max(initial=0.0)))
+
     @property
     def rms_m(self) -> float:
         return float(np.sqrt(self.sum_square_m2 / max(self.n, 1)))
+
+    @property
+    def gap_rms_m(self) -> float:
+        return float(np.sqrt(self.gap_square_m2 / max(self.n_twice, 1)))
 
 
 def mean_correction(corrections: PoseCorrections) -> MeanCorrection:

@@ -4,7 +4,7 @@ Stations are taken along the path at even distances, so that a pause does not ou
 mean of the corrections of its nearest stations, each weighted by (1 - d / d_next)^2, d_next the distance of the first
 one left out (Sumner, Schmid, Pauly, "Embedded deformation for shape manipulation", SIGGRAPH 2007): a station enters and
 leaves with weight zero, so the cloud gets no seams. Where the trajectory passes twice, nobody knows which pass saw the
-point: it goes between the two, and the answer says how far apart they would have put it.
+point: it goes with the nearer one, or between the two, and the answer says how far off the other would have put it.
 """
 
 import dataclasses
@@ -18,8 +18,9 @@ from jaxgeo.mapping.carry import Place, PoseCorrections, carry, turn
 NEIGHBOURS = 6
 _STATIONS = 200  # at least so many on a path, as long as they are
 _SPACING_M = (0.1, 1.0)
-# Another pass: along the path farther from the nearest station than so many times the straight way, and some stations.
+# Another pass: the way along the path is so many times the straight one, and some stations more.
 _DETOUR, _STATIONS_APART = 3.0, 4.0
+_ROWS = 256
 
 
 @dataclasses.dataclass(frozen=True)
@@ -28,14 +29,14 @@ class Stations:
 
     Attributes:
         index: (s,) rows of `PoseCorrections`.
-        along_m: (s,) path length up to them.
-        spacing_m: between them, at least.
+        position_m: (s, 3) of them.
+        other: (s,) for every station the nearest one of another pass; -1 where there is none.
         tree: of their positions.
     """
 
     index: Int[np.ndarray, "s"]
-    along_m: Float[np.ndarray, "s"]
-    spacing_m: float
+    position_m: Float[np.ndarray, "s 3"]
+    other: Int[np.ndarray, "s"]
     tree: KDTree
 
 
@@ -46,8 +47,8 @@ class NearCarried:
     Attributes:
         points_m: (n, 3) in the frame of the trajectory after.
         normal: (n, 3) unit; None where none were given.
-        twice: (n,) stations of another pass are among the nearest.
-        gap_m: (n,) how far apart the nearest station and those of other passes would have put the point; 0 where not
+        twice: (n,) a station of another pass lies within reach too.
+        gap_m: (n,) how far from where the nearest station would have put the point that one would have; 0 where not
             `twice`.
     """
 
@@ -63,31 +64,37 @@ def stations_of(corrections: PoseCorrections) -> Stations:
     along_m = np.concatenate([[0.0], np.cumsum(step_m)])
     spacing_m = float(np.clip(along_m[-1] / _STATIONS, *_SPACING_M))
     _, index = np.unique(np.floor(along_m / spacing_m), return_index=True)
-    return Stations(index, along_m[index], spacing_m, KDTree(corrections.before_m[index]))
+    position_m = corrections.before_m[index]
+    other = _other_passes(position_m, along_m[index], _STATIONS_APART * spacing_m)
+    return Stations(index, position_m, other, KDTree(position_m))
+
+
+def reach_of(corrections: PoseCorrections, stations: Stations, points_m: Float[np.ndarray, "n 3"]) -> float:
+    """From how far away points are seen, metres: 95 % of these lie nearer to their nearest station."""
+    return float(np.quantile(stations.tree.query(corrections.scale * points_m)[0], 0.95))
 
 
 def carry_near(
     corrections: PoseCorrections,
     stations: Stations,
     points_m: Float[np.ndarray, "n 3"],
+    reach_m: float,
     normal: Float[np.ndarray, "n 3"] | None = None,
 ) -> NearCarried:
-    """Carry points with the stations nearest to them."""
+    """Carry points with the stations nearest to them.
+
+    Args:
+        reach_m: from how far away another pass may have seen them, `reach_of`.
+    """
     distance_m, station = _neighbours(stations, corrections.scale * np.asarray(points_m, dtype=np.float64))
     weight = _weights(distance_m)
     total, turned = np.zeros((len(points_m), 3)), np.zeros((len(points_m), 3))
-    twice, gap_m = np.zeros(len(points_m), bool), np.zeros(len(points_m))
-    first = np.zeros(0)
     for k in range(weight.shape[1]):
         place = _place_of(corrections, stations.index[station[:, k]])
-        carried_m = carry(corrections, points_m, place)
-        total += weight[:, k : k + 1] * carried_m
+        total += weight[:, k : k + 1] * carry(corrections, points_m, place)
         if normal is not None:
             turned += weight[:, k : k + 1] * turn(corrections, normal, place)
-        first = carried_m if k == 0 else first
-        other = _another_pass(corrections, stations, station[:, 0], station[:, k])
-        twice |= other
-        gap_m = np.maximum(gap_m, np.where(other, np.linalg.norm(carried_m - first, axis=1), 0.0))
+    twice, gap_m = _gaps(corrections, stations, points_m, station[:, 0], reach_m)
     return NearCarried(total, None if normal is None else _of_length(turned, normal), twice, gap_m)
 
 
@@ -114,13 +121,38 @@ def _place_of(corrections: PoseCorrections, pose: Int[np.ndarray, "n"]) -> Place
     return Place(index, (pose - index).astype(np.float64))
 
 
-def _another_pass(
-    corrections: PoseCorrections, stations: Stations, a: Int[np.ndarray, "n"], b: Int[np.ndarray, "n"]
-) -> Bool[np.ndarray, "n"]:
-    position_m = corrections.before_m[stations.index]
-    straight_m = np.linalg.norm(position_m[a] - position_m[b], axis=1)
-    along_m = np.abs(stations.along_m[a] - stations.along_m[b])
-    return along_m > _DETOUR * straight_m + _STATIONS_APART * stations.spacing_m
+def _gaps(
+    corrections: PoseCorrections,
+    stations: Stations,
+    points_m: Float[np.ndarray, "n 3"],
+    nearest: Int[np.ndarray, "n"],
+    reach_m: float,
+) -> tuple[Bool[np.ndarray, "n"], Float[np.ndarray, "n"]]:
+    """`twice` and `gap_m` of `NearCarried`."""
+    other = stations.other[nearest]
+    away_m = np.linalg.norm(corrections.scale * points_m - stations.position_m[other], axis=1)
+    twice = (other >= 0) & (away_m <= reach_m)
+    one, two = (
+        carry(corrections, points_m[twice], _place_of(corrections, stations.index[each[twice]]))
+        for each in (nearest, other)
+    )
+    gap_m = np.zeros(len(points_m))
+    gap_m[twice] = np.linalg.norm(one - two, axis=1)
+    return twice, gap_m
+
+
+def _other_passes(
+    position_m: Float[np.ndarray, "s 3"], along_m: Float[np.ndarray, "s"], apart_m: float
+) -> Int[np.ndarray, "s"]:
+    """`Stations.other`: the nearest to which the way along the path is a detour."""
+    other = np.full(len(position_m), -1)
+    for start in range(0, len(position_m), _ROWS):  # all pairs, but never more at once than these rows
+        rows = slice(start, start + _ROWS)
+        straight_m = np.linalg.norm(position_m[rows, None] - position_m, axis=-1)
+        detour = np.abs(along_m[rows, None] - along_m) > _DETOUR * straight_m + apart_m
+        nearest = np.argmin(np.where(detour, straight_m, np.inf), axis=1)
+        other[rows] = np.where(detour.any(axis=1), nearest, -1)
+    return other
 
 
 def _of_length(turned: Float[np.ndarray, "n 3"], normal: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:

@@ -4,7 +4,7 @@ from scipy.spatial.transform import Rotation
 from test_carry import moved
 
 from jaxgeo.data import Trajectory
-from jaxgeo.mapping.carried_near import carry_near, stations_of
+from jaxgeo.mapping.carried_near import carry_near, reach_of, stations_of
 from jaxgeo.mapping.carry import pose_corrections
 
 N = 400
@@ -16,10 +16,10 @@ def along_a_line(length_m: float = 60.0) -> Trajectory:
     return Trajectory(np.arange(N) / 10.0, position_m, np.tile([1.0, 0.0, 0.0, 0.0], (N, 1)))
 
 
-def there_and_back() -> Trajectory:
-    """To x = 30 m and back at y = 1 m."""
+def there_and_back(apart_m: float = 1.0) -> Trajectory:
+    """To x = 30 m and back beside it."""
     line = along_a_line()
-    x, y = line.position_m[:, 0], np.where(line.position_m[:, 0] > 30.0, 1.0, 0.0)
+    x, y = line.position_m[:, 0], np.where(line.position_m[:, 0] > 30.0, apart_m, 0.0)
     position_m = np.column_stack([np.minimum(x, 60.0 - x), y, np.zeros(N)])
     return Trajectory(line.stamp_s, position_m, line.quat_wxyz)
 
@@ -36,7 +36,7 @@ def test_a_rigid_motion_moves_the_cloud_rigidly() -> None:
     before, rotation = there_and_back(), Rotation.from_rotvec([0.3, -0.2, 2.0])
     corrections = pose_corrections(before, moved(before, rotation, SHIFT_M))
     points_m = np.random.default_rng(0).uniform(-20, 60, (500, 3))
-    found = carry_near(corrections, stations_of(corrections), points_m, points_m)
+    found = carry_near(corrections, stations_of(corrections), points_m, 100.0, points_m)
     np.testing.assert_allclose(found.points_m, rotation.apply(points_m) + SHIFT_M, atol=1e-9)
     np.testing.assert_allclose(found.normal, rotation.apply(points_m), atol=1e-9)
     assert found.gap_m.max() < 1e-9
@@ -60,7 +60,7 @@ def test_no_seams(direction: list[float]) -> None:
 
     def longest_step_m(n: int) -> float:
         line_m = np.array([5.0, -3.0, 1.0]) + np.linspace(0.0, 15.0, n)[:, None] * direction
-        carried_m = carry_near(corrections, stations, line_m).points_m
+        carried_m = carry_near(corrections, stations, line_m, 10.0).points_m
         return float(np.linalg.norm(np.diff(carried_m, axis=0), axis=1).max())
 
     assert longest_step_m(3_001) / longest_step_m(30_001) > 8.0
@@ -73,7 +73,7 @@ def test_near_the_path_it_follows_the_pose_beside_it() -> None:
     pose = np.arange(40, N - 40)
     yaw = Rotation.from_quat(after.quat_wxyz[pose], scalar_first=True)
     beside_m = np.array([0.0, 2.0, 0.0])
-    found = carry_near(corrections, stations_of(corrections), before.position_m[pose] + beside_m)
+    found = carry_near(corrections, stations_of(corrections), before.position_m[pose] + beside_m, 10.0)
     off_m = np.linalg.norm(found.points_m - yaw.apply(beside_m) - after.position_m[pose], axis=1)
     assert off_m.max() < 0.01
     assert not found.twice.any()
@@ -87,16 +87,27 @@ def test_two_passes_are_said_and_their_gap_measured() -> None:
         before.quat_wxyz,
     )
     corrections = pose_corrections(before, raised)
-    points_m = np.array([[10.0, 0.5, 0.0], [10.0, 0.6, 0.0]])
-    found = carry_near(corrections, stations_of(corrections), points_m)
-    assert found.twice.all()
-    np.testing.assert_allclose(found.gap_m, 0.7, atol=1e-6)
+    points_m = np.array([[10.0, 0.5, 0.0], [10.0, 0.6, 0.0], [10.0, -6.0, 0.0]])
+    found = carry_near(corrections, stations_of(corrections), points_m, 5.0)
+    assert found.twice.tolist() == [True, True, False]
+    np.testing.assert_allclose(found.gap_m, [0.7, 0.7, 0.0], atol=1e-6)
     assert found.points_m[0, 2] == pytest.approx(0.35)
     assert 0.35 < found.points_m[1, 2] < 0.7
+
+
+def test_a_pass_beyond_the_neighbours_is_seen_within_reach() -> None:
+    """The nearest stations are all of one pass; the other, 8 m off, may have seen the point all the same."""
+    before = there_and_back(8.0)
+    corrections = pose_corrections(before, bent(before))
+    stations = stations_of(corrections)
+    points_m = np.column_stack([np.linspace(1.0, 20.0, 50), np.full(50, 1.0), np.zeros(50)])
+    assert carry_near(corrections, stations, points_m, 15.0).twice.all()
+    assert not carry_near(corrections, stations, points_m, 5.0).twice.any()
+    assert reach_of(corrections, stations, points_m) == pytest.approx(1.0, abs=0.05)
 
 
 def test_a_trajectory_of_two_poses() -> None:
     before = Trajectory(np.array([0.0, 1.0]), np.zeros((2, 3)), np.tile([1.0, 0.0, 0.0, 0.0], (2, 1)))
     corrections = pose_corrections(before, moved(before, Rotation.identity(), np.array([1.0, 2.0, 3.0])))
-    found = carry_near(corrections, stations_of(corrections), np.zeros((2, 3)))
+    found = carry_near(corrections, stations_of(corrections), np.zeros((2, 3)), 10.0)
     np.testing.assert_allclose(found.points_m, [[1.0, 2.0, 3.0]] * 2)

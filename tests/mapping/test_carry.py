@@ -139,6 +139,14 @@ def test_poses_that_lost_their_partner_are_interpolated() -> None:
     )
 
 
+@pytest.mark.filterwarnings("ignore::jaxgeo.io.input_warning.InputWarning")
+def test_a_pose_before_the_first_that_has_a_partner_saw_nothing() -> None:
+    before = wandering(3)
+    after = Trajectory(before.stamp_s[8:], before.position_m[8:], before.quat_wxyz[8:])
+    _, known = places_by_index(pose_corrections(before, after), np.array([0, 8, 11]))
+    assert known.tolist() == [False, True, True]
+
+
 def test_another_trajectory_is_refused() -> None:
     before = wandering(4)
     later = Trajectory(before.stamp_s + 100.0, before.position_m, before.quat_wxyz)
