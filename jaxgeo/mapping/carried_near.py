@@ -101,7 +101,8 @@ def carry_near(
 def _neighbours(stations: Stations, points_m: Float[np.ndarray, "n 3"]) -> tuple[np.ndarray, np.ndarray]:
     """Distances and stations, (n, k) each, nearest first; the last only says where the weights end."""
     count = min(NEIGHBOURS + 1, len(stations.index))
-    distance_m, station = stations.tree.query(points_m, k=count, workers=-1)
+    # In one thread: SciPy leaves its workers running when an interrupt comes, and the process ends in a fault.
+    distance_m, station = stations.tree.query(points_m, k=count)
     return distance_m.reshape(-1, count), station.reshape(-1, count)
 
 
