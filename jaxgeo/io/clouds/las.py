@@ -1,33 +1,21 @@
-"""Point clouds as LAS and LAZ. laspy lives here.
-
-Written is LAS 1.4 (ASPRS, R15): point format 7 with colours, else 6; the CRS as WKT; millimetres about an offset of
-whole metres. Read is every version that laspy reads.
-"""
+"""Point clouds read from LAS and LAZ, every version that laspy reads. laspy lives here."""
 
 import contextlib
 import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
-from jaxgeo import __version__
 from jaxgeo.errors import CloudError, InputError
-from jaxgeo.io.atomic import atomic_path
-from jaxgeo.io.clouds.chunk import COLOUR, CloudChunk, Columns, warn_left_out
+from jaxgeo.io.clouds.chunk import CloudChunk, warn_left_out
 from jaxgeo.io.clouds.laszip_head import laszip_problem
 from jaxgeo.io.clouds.source import CHUNK, CloudSource
-from jaxgeo.io.clouds.wkt import las_wkt
 
-SCALE_M = 1e-3
 _SHARED = {"gps_time": "stamp_s", "scan_angle_rank": "scan_angle"}
-_OWN = {"stamp_s": "gps_time"}
 _RANK_STEP = 0.006  # degrees in a step of `scan_angle` (point formats 6 and above); `scan_angle_rank` is in degrees
-_FLOAT = "_float"
-_NAME_BYTES = 32
-_TEXT_AREA = ("LASF_Spec", 3)
+FLOAT = "_float"  # behind the name of a standard dimension: a float column that could not be put into it
 _WAVE = ("wavepacket_index", "wavepacket_offset", "wavepacket_size", "return_point_wave_location", "x_t", "y_t", "z_t")
 _UNDECODABLE = (RuntimeError, ValueError, OSError, EOFError, struct.error, OverflowError, MemoryError)
 
@@ -51,9 +39,9 @@ class LasCloud(CloudSource):
             warn_left_out(path, left_out, "waveforms and lists of numbers are not carried on")
             shared = {_SHARED.get(name, name): name for name in kinds if name not in left_out}
             # A float intensity that PLY brought here: it stands for the rounded one of the standard.
-            self._dimension = {name: shared.get(name + _FLOAT, own) for name, own in shared.items()}
+            self._dimension = {name: shared.get(name + FLOAT, own) for name, own in shared.items()}
             for name in list(self._dimension):
-                if name.endswith(_FLOAT) and name.removesuffix(_FLOAT) in shared:
+                if name.endswith(FLOAT) and name.removesuffix(FLOAT) in shared:
                     del self._dimension[name]
             self.columns = {name: _type_of(name, kinds[own]) for name, own in self._dimension.items()}
             self.n_points = int(header.point_count)
@@ -118,101 +106,6 @@ class LasCloud(CloudSource):
             ) from None
 
 
-class LasCloudWriter:
-    """Writes a cloud as LAS 1.4, or LAZ by the suffix. Use as a context manager."""
-
-    def __init__(
-        self,
-        path: str | Path,
-        columns: Columns,
-        origin_enh_m: Float[np.ndarray, "3"],
-        crs: str | None,
-        standard_gps_time: bool = False,
-        comments: Sequence[str] = (),
-    ) -> None:
-        """`crs`: None writes no CRS (a site frame). `comments` become the file's text area description.
-
-        Raises:
-            InputError: laspy is not installed.
-
-        Warns:
-            InputWarning: of columns that LAS cannot hold; they are left out.
-        """
-        laspy = laspy_library()
-        colour = all(name in columns for name in COLOUR)
-        header = laspy.LasHeader(version="1.4", point_format=7 if colour else 6)
-        self._path = path
-        # The offset is whole, so that coordinates in the file are whole millimetres of the grid.
-        offset_m = np.round(np.asarray(origin_enh_m, dtype=np.float64))
-        self._shift_m = np.asarray(origin_enh_m, dtype=np.float64) - offset_m
-        header.offsets, header.scales = offset_m, np.full(3, SCALE_M)
-        header.generating_software = f"jaxgeo {__version__}"
-        header.system_identifier = "jaxgeo"
-        if standard_gps_time:
-            header.global_encoding.gps_time_type = laspy.header.GpsTimeType.STANDARD
-        header.global_encoding.wkt = True
-        if crs is not None:
-            header.vlrs.append(laspy.vlrs.known.WktCoordinateSystemVlr(las_wkt(crs)))
-        if comments:
-            text = "\n".join(comments).encode() + b"\0"
-            header.vlrs.append(laspy.VLR(*_TEXT_AREA, description="text area description", record_data=text))
-        standard = {d.name: d for d in header.point_format.dimensions}
-        self._places, extra = _places(path, columns, standard)
-        self._limits = {name: _limits(standard[own]) for name, own in self._places.items() if own in standard}
-        header.add_extra_dims([laspy.ExtraBytesParams(name=name, type=kind) for name, kind in extra.items()])
-        self._header = header
-        self.count = 0
-
-    def __enter__(self) -> Self:
-        laspy = laspy_library()
-        with contextlib.ExitStack() as stack:
-            temporary = stack.enter_context(atomic_path(self._path))
-            compressed = Path(self._path).suffix.lower() == ".laz"
-            self._writer = stack.enter_context(
-                laspy.open(temporary, mode="w", header=self._header, do_compress=compressed)
-            )
-            self._stack = stack.pop_all()
-        return self
-
-    def append(self, chunk: CloudChunk) -> None:
-        """Write points; raises CloudError where one lies too far off, or a column does not fit its dimension."""
-        laspy = laspy_library()
-        record = laspy.ScaleAwarePointRecord.zeros(len(chunk), header=self._header)
-        steps = np.round((chunk.points_m + self._shift_m) / SCALE_M)
-        wrong = ~(np.abs(steps) <= np.iinfo(np.int32).max).all(axis=1)
-        if wrong.any():
-            place = chunk.points_m[int(np.argmax(wrong))]
-            raise CloudError(
-                f"{self._path}: point {place.tolist()} m from the origin; LAS holds 2147 km about it in millimetres. "
-                "Are the coordinates metres, and is the trajectory the cloud's own?"
-            )
-        record["X"], record["Y"], record["Z"] = steps.astype(np.int32).T
-        for name in ("return_number", "number_of_returns"):
-            record[name] = np.ones(len(chunk), np.uint8)
-        for name, own in self._places.items():
-            record[own] = self._checked(name, chunk.columns[name])
-        if self._places.get("intensity") == "intensity" + _FLOAT:
-            rounded = np.nan_to_num(np.round(chunk.columns["intensity"].astype(np.float64)))
-            record["intensity"] = np.clip(rounded, 0, 65535).astype(np.uint16)
-        self._writer.write_points(record)
-        self.count += len(chunk)
-
-    def _checked(self, name: str, values: np.ndarray) -> np.ndarray:
-        if name not in self._limits or not len(values):
-            return values
-        low, high = self._limits[name]
-        wrong = (values < low) | (values > high)
-        if wrong.any():
-            raise CloudError(
-                f"{self._path}: column {name!r} holds {values[int(np.argmax(wrong))]}; its LAS dimension holds {low} "
-                f"to {high}. Rename the column to keep it as extra bytes."
-            )
-        return values
-
-    def __exit__(self, *failure: Any) -> None:
-        self._stack.__exit__(*failure)
-
-
 def laspy_library() -> Any:
     """laspy, or a refusal that says how to install it."""
     try:
@@ -265,26 +158,3 @@ def _crs_of(header: Any) -> str | None:
         if code is not None and 1024 <= code < 32767:
             return f"EPSG:{code}"
     return None
-
-
-def _places(path: str | Path, columns: Columns, standard: dict[str, Any]) -> tuple[dict[str, str], dict[str, np.dtype]]:
-    """The LAS dimension of every column, and the extra bytes that are to be added."""
-    places: dict[str, str] = {}
-    extra: dict[str, np.dtype] = {}
-    left_out = []
-    for name, kind in columns.items():
-        own = _OWN.get(name, name)
-        if own in standard and (kind.kind in "iub" or own == "gps_time"):
-            places[name] = own
-            continue
-        own = own + _FLOAT if own in standard else own
-        if kind.kind not in "iuf" or kind.itemsize not in (1, 2, 4, 8) or not own.isascii() or len(own) > _NAME_BYTES:
-            left_out.append(name)
-            continue
-        places[name], extra[own] = own, kind
-    warn_left_out(path, left_out, f"LAS holds numbers, under names of up to {_NAME_BYTES} ASCII characters")
-    return places, extra
-
-
-def _limits(dimension: Any) -> tuple[float, float]:
-    return (-np.inf, np.inf) if dimension.kind.name == "FloatingPoint" else (dimension.min, dimension.max)

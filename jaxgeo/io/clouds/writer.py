@@ -55,7 +55,7 @@ def cloud_writer(
 
             return PlyCloudWriter(path, columns, origin_enh_m, crs or "local", comments)
         case ".las" | ".laz":
-            from jaxgeo.io.clouds.las import LasCloudWriter
+            from jaxgeo.io.clouds.las_writer import LasCloudWriter
 
             return LasCloudWriter(path, columns, origin_enh_m, crs, standard_gps_time, comments)
         case other:

@@ -1,3 +1,4 @@
+import resource
 import struct
 import sys
 from pathlib import Path
@@ -196,6 +197,23 @@ def test_what_is_no_las(tmp_path: Path) -> None:
         open_cloud(path)
     with pytest.raises(CloudError, match=r"suffix '\.xyz'; expected a point cloud: \.las, \.laz, \.ply"):
         open_cloud(tmp_path / "a.xyz")
+
+
+@pytest.mark.parametrize("suffix", [".las", ".laz"])
+def test_a_full_disk_and_an_interrupt_leave_nothing(tmp_path: Path, suffix: str) -> None:
+    cloud = some_cloud(50_000)
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (500_000, hard))  # Python ignores the signal: writing fails
+    try:
+        with pytest.raises(CloudError, match=rf"a\{suffix}: cannot be written: .*room on the disk"):
+            write(tmp_path / f"a{suffix}", cloud)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    writer = cloud_writer(tmp_path / f"a{suffix}", TYPES, ORIGIN, None)
+    with pytest.raises(KeyboardInterrupt), writer:  # noqa: PT012 (a block is what is interrupted)
+        writer.append(cloud)
+        raise KeyboardInterrupt
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_without_laspy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
