@@ -22,6 +22,7 @@ from benchmarks.rgbd_fusion import rgbd_median_m
 from eval.reference import absolute_error
 from jaxgeo.cli.main import main as jaxgeo
 from jaxgeo.data import Scan, Trajectory
+from jaxgeo.geometry import rigid
 from jaxgeo.geometry.rigid import parts, trajectory_matrices
 from jaxgeo.io.scans.source import open_scans
 from jaxgeo.mapping.dense_map import build_map
@@ -39,13 +40,30 @@ def hku1(data: Path) -> dict[str, Any]:
     estimate_odometry(_first(scans, 20))  # warm
     odometry = estimate_odometry(scans)
     mapped = build_map(odometry.trajectory, scans=scans)
+    worse = spoiled(odometry.trajectory)
     return {
         "hku1_rmse_m": rmse_m(odometry.trajectory, reference),
         "hku1_mapped_rmse_m": rmse_m(mapped.trajectory, reference),
         "hku1_ms_per_scan": 1e3 * float(odometry.seconds.mean()),
         "hku1_period_ms": 1e3 * float(np.median(np.diff(odometry.trajectory.stamp_s))),
         "hku1_closures_accepted": int(mapped.accepted.sum()),
+        "hku1_spoiled_rmse_m": rmse_m(worse, reference),
+        "hku1_spoiled_mapped_rmse_m": rmse_m(build_map(worse, scans=scans).trajectory, reference),
     }
+
+
+def spoiled(trajectory: Trajectory, yaw_rad: float = np.radians(10.0), along_m: float = 2.0) -> Trajectory:
+    """The same odometry, turning too far and going too far, evenly along its way."""
+    T = trajectory_matrices(trajectory)
+    steps = rigid.inverse(T[:-1]) @ T[1:]
+    share = np.linalg.norm(steps[:, :3, 3], axis=1)
+    share /= share.sum()
+    extra = np.zeros((len(steps), 6))
+    extra[:, 0], extra[:, 5] = along_m * share, yaw_rad * share
+    poses = [T[0]]
+    for step in steps @ rigid.exp(extra):
+        poses.append(poses[-1] @ step)
+    return Trajectory(trajectory.stamp_s, *parts(np.stack(poses)))
 
 
 def kitti16(data: Path) -> dict[str, Any]:
