@@ -1,0 +1,1 @@
+"""Where to put anchors: the accuracy that a layout will give, and layouts that make it good."""
