@@ -11,6 +11,11 @@ from jaxtyping import Array, Float
 from eval.placement.plan import Plan
 from jaxgeo.errors import InputError
 
+# Projections onto the reach and the areas in turn.
+_ROUNDS = 4
+# Added to a distance in squares, so that it has a derivative at 0.
+_NO_M = 1e-6
+
 
 class Region(eqx.Module):
     """What is possible.
@@ -45,24 +50,40 @@ def region_of(reach_m: float, lift_m: float = 0.0, areas: Sequence[Float[np.ndar
 
 
 def placed(plan_m: Float[Array, "k 2"], plan: Plan, region: Region) -> Float[Array, "k 3"]:
-    """The nearest allowed places: into the areas first, then as near to the path as needed; with heights."""
+    """Allowed places near some points in plan, with heights.
+
+    Without areas the nearest place within reach of the path. With areas nearest places of the one and of the other in
+    turn (alternating projections, von Neumann 1933): always inside an area, and within reach where an area is.
+    """
     return jax.vmap(lambda p: _placed(p, plan, region))(plan_m)
 
 
 def _placed(p: Float[Array, "2"], plan: Plan, region: Region) -> Float[Array, "3"]:
     if region.edges_m.shape[0]:
-        p = jnp.where(_inside(p, region.edges_m), p, _on_outline(p, region.edges_m))
-    flat = plan.position_m
-    knot = jnp.argmin(jnp.sum((flat[:, :2] - jax.lax.stop_gradient(p)[None]) ** 2, axis=1))
+        for _ in range(_ROUNDS):
+            p = _within_reach(p, plan, region)
+            p = jnp.where(_inside(p, region.edges_m), p, _on_outline(p, region.edges_m))
+    else:
+        p = _within_reach(p, plan, region)
+    return jnp.append(p, _nearest_on_path(p, plan)[2] + region.lift_m)
+
+
+def _within_reach(p: Float[Array, "2"], plan: Plan, region: Region) -> Float[Array, "2"]:
+    foot = _nearest_on_path(p, plan)
+    aside = p - foot[:2]
+    distance = jnp.sqrt(jnp.sum(aside**2) + _NO_M**2)
+    return foot[:2] + aside * jnp.minimum(1.0, region.reach_m / distance)
+
+
+def _nearest_on_path(p: Float[Array, "2"], plan: Plan) -> Float[Array, "3"]:
+    """The path's point that is nearest in plan, on the edges beside the nearest knot."""
+    path = plan.position_m
+    knot = jnp.argmin(jnp.sum((path[:, :2] - jax.lax.stop_gradient(p)[None]) ** 2, axis=1))
     knot = jnp.clip(knot, 1, len(plan) - 2)
-    ends = jnp.stack([flat[knot - 1], flat[knot], flat[knot + 1]])
+    ends = jnp.stack([path[knot - 1], path[knot], path[knot + 1]])
     feet = jax.vmap(_foot, in_axes=(None, 0, 0))(p, ends[:2], ends[1:])
     away = jnp.sum((feet[:, :2] - p[None]) ** 2, axis=1)
-    foot = feet[jnp.argmin(jax.lax.stop_gradient(away))]
-    aside = p - foot[:2]
-    distance = jnp.sqrt(jnp.sum(aside**2) + 1e-12)
-    plan_m = foot[:2] + aside * jnp.minimum(1.0, region.reach_m / distance)
-    return jnp.append(plan_m, foot[2] + region.lift_m)
+    return feet[jnp.argmin(jax.lax.stop_gradient(away))]
 
 
 def _foot(p: Float[Array, "2"], a: Float[Array, "d"], b: Float[Array, "d"]) -> Float[Array, "d"]:

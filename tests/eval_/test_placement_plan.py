@@ -82,14 +82,23 @@ def test_the_way_back_is_added_behind_the_path():
 
 def test_places_are_brought_into_the_region():
     plan = small_plan()
-    square = np.array([[20.0, -5.0], [40.0, -5.0], [40.0, 5.0], [20.0, 5.0]])
-    region = region_of(3.0, lift_m=1.5, areas=[square])
-    found = np.asarray(placed(jnp.array([[0.0, 0.0], [31.0, 1.0], [50.0, 0.0]]), plan, region))
+    asked = jnp.array([[0.0, 0.0], [31.0, 1.0], [50.0, 0.0], [25.0, 40.0]])
     path = np.asarray(plan.position_m)
-    for point in found:
-        assert np.linalg.norm(path[:, :2] - point[:2], axis=1).min() < 3.0 + 0.5
-        assert point[2] == pytest.approx(1.5, abs=0.6)
-    np.testing.assert_allclose(found[1, :2], [31.0, 1.0], atol=1e-9)
+
+    def away_m(found):
+        return np.linalg.norm(path[None, :, :2] - found[:, None, :2], axis=-1).min(axis=1)
+
+    beside = np.asarray(placed(asked, plan, region_of(3.0, lift_m=1.5)))
+    assert (away_m(beside) < 3.0 + 0.2).all()
+    np.testing.assert_allclose(beside[1, :2], [31.0, 1.0], atol=1e-6)
+    np.testing.assert_allclose(beside[:, 2], 1.5, atol=0.6)
+    square = np.array([[20.0, -5.0], [40.0, -5.0], [40.0, 5.0], [20.0, 5.0]])
+    inside = np.asarray(placed(asked, plan, region_of(3.0, areas=[square])))
+    assert (away_m(inside) < 3.0 + 0.2).all()
+    assert (np.abs(inside[:, :2] - np.array([30.0, 0.0])) <= np.array([10.0, 5.0]) + 1e-9).all()
+    far = np.array([[0.0, -5.0], [10.0, -5.0], [5.0, 5.0]])
+    found = np.asarray(placed(asked, plan, region_of(3.0, areas=[far])))
+    assert ((found[:, 0] >= -1e-9) & (found[:, 0] <= 10.0 + 1e-9)).all()  # an area out of reach is still the place
 
 
 @pytest.mark.parametrize(("reach_m", "areas", "message"), [(3.0, [np.eye(2)], "three points"), (0.0, [], "positive")])
