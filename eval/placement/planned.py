@@ -28,8 +28,10 @@ from jaxgeo.graph.components import NoiseEnsemble
 
 # Places along the path: at most so many, fewer where all choices of them are tried.
 _ALONG, _LEAST_ALONG = 48, 12
-# Noise sets and points of the path that layouts are searched under; the answer is worked out under all of them.
-SEARCH_SETS, SEARCH_WATCHED = 4, 64
+# Noise sets and points of the path that layouts are searched under; the answer is worked out under all of them. The
+# search watches points beside the path: markers on one line would leave the turn about it open, and what was mapped
+# beside the path with it.
+SEARCH_SETS, SEARCH_WATCHED, SEARCH_BESIDE_M = 4, 64, 1.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -42,7 +44,8 @@ class PlacementInput:
         reach_m: markers stand at most so far from the path in plan; `lift_m` above it.
         areas_en_m: outlines (n, 2); a marker stands in one of them; none: anywhere.
         candidate_m: (c, 3) the only places where markers may stand; None: anywhere allowed.
-        range_m, sighting_sigma_m, survey_sigma_m, apart_m: see `Sight`.
+        range_m, sighting_sigma_m, survey_sigma_m, apart_m: see `Sight`; `sighting_floor_m`: of the sighting's, what no
+            dwell averages out.
         most_passes: of a marker that count: 1 where one marker is moved along.
         starts, seed: of the gradient search; `watched` points of the path.
         exhaustive: all choices of candidates are tried where they are no more than this.
@@ -55,6 +58,7 @@ class PlacementInput:
     apart_m: float
     reach_m: float
     lift_m: float = 0.0
+    sighting_floor_m: float = 0.0
     areas_en_m: tuple[Float[np.ndarray, "_ 2"], ...] = ()
     candidate_m: Float[np.ndarray, "c 3"] | None = None
     candidate_name: tuple[str, ...] = ()
@@ -127,15 +131,25 @@ def _task(path: Trajectory, noise: NoiseEnsemble, given: PlacementInput) -> _Tas
     )
     region = region_of(given.reach_m, given.lift_m, given.areas_en_m)
 
-    def under(some: NoiseEnsemble, count: int, passes: int) -> Problem:
-        watch = watched(plan, some, count)
-        standing = jnp.asarray(given.standing_m)
-        return Problem(plan, some, watch, sight, region, standing, passes, given.criterion, given.robust)
+    def under(some: NoiseEnsemble, count: int, beside_m: float, passes: int) -> Problem:
+        return Problem(
+            plan,
+            some,
+            watched(plan, some, count, beside_m=beside_m),
+            sight,
+            region,
+            jnp.asarray(given.standing_m),
+            jnp.asarray(beside_m),
+            passes,
+            given.criterion,
+            given.robust,
+        )
 
     few = few_sets(noise, plan, SEARCH_SETS)
     points = min(given.watched, SEARCH_WATCHED)
-    passes = most_passes(under(few, points, given.most_passes))
-    return _Task(path, given, under(noise, given.watched, passes), under(few, points, passes))
+    passes = most_passes(under(few, points, SEARCH_BESIDE_M, given.most_passes))
+    whole, search = under(noise, given.watched, 0.0, passes), under(few, points, SEARCH_BESIDE_M, passes)
+    return _Task(path, given, whole, search)
 
 
 def _placed(count: int, task: _Task, say: Callable[[str], None]) -> PlacementAnswer:
@@ -227,11 +241,12 @@ def _layout(
     problem = without_standing(task.problem)
     covariance = _predicted(jnp.asarray(point_m), problem)
     weight = problem.noise.weight
-    accuracy: dict[Criterion, float] = {}
+    predicted: dict[Criterion, float] = {}
     for kind in CRITERIA:
-        accuracy[kind] = float(robust_criterion_m(covariance, weight, kind, problem.robust))
-    if not max(accuracy.values()) < UNDETERMINED_M:
-        accuracy = dict.fromkeys(CRITERIA, math.inf)
+        predicted[kind] = float(robust_criterion_m(covariance, weight, kind, problem.robust))
+    beside = float(accuracy(jnp.asarray(point_m), without_standing(task.search)))
+    if not max(beside, *predicted.values()) < UNDETERMINED_M:
+        predicted = dict.fromkeys(CRITERIA, math.inf)
     visits = plan_visits(jnp.asarray(point_m), problem.plan, problem.sight, problem.passes)
     distance = np.asarray(distance_of(visits, problem.plan))
     seen, location = np.asarray(visits.seen), np.asarray(visits.location)
@@ -241,7 +256,7 @@ def _layout(
         name=tuple(name),
         standing=standing,
         point_m=point_m,
-        accuracy_m=accuracy,
+        accuracy_m=predicted,
         covariance_m2=np.asarray(jnp.einsum("q,qmab->mab", weight, covariance)),
         visits=tuple(PlannedVisit(name[location[i]], float(distance[i]), float(seen[i])) for i in order),
         seconds=seconds,
@@ -255,10 +270,13 @@ def _answer(layouts: tuple[PlannedLayout, ...], task: _Task, found: Found | None
     chosen, problem = layouts[0], task.problem
     points = problem.watch.points
     near = 0 if found is None else int(np.sum(found.value_m <= 1.01 * found.value_m[0]))
-    changes = what_if(task.path, chosen.point_m, chosen.name, chosen.standing, task.search, task.given.candidate_m)
+    given, search = task.given, task.search
+    changes = what_if(
+        task.path, chosen.point_m, chosen.name, chosen.standing, search, given.candidate_m, given.sighting_floor_m
+    )
     # Changes are worked out under the few sets of the search: what they multiply the accuracy by is carried over.
-    base = float(accuracy(jnp.asarray(chosen.point_m), without_standing(task.search)))
-    factor = chosen.accuracy_m[task.given.criterion] / base
+    base = float(accuracy(jnp.asarray(chosen.point_m), without_standing(search)))
+    factor = chosen.accuracy_m[given.criterion] / base
     return PlacementAnswer(
         criterion=task.given.criterion,
         distance_m=np.asarray(points.distance_m),

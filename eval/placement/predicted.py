@@ -33,13 +33,25 @@ class Watched(eqx.Module):
     own_m2: Float[Array, "q m 3 3"]
 
 
-def watched(plan: Plan, noise: NoiseEnsemble, count: int = 128, upto: float | None = None) -> Watched:
-    """Points of the path evenly spaced along it, up to a place or its end."""
+def watched(
+    plan: Plan,
+    noise: NoiseEnsemble,
+    count: int = 128,
+    *,
+    upto: float | None = None,
+    beside_m: float | Float[Array, ""] = 0.0,
+) -> Watched:
+    """Points of the path evenly spaced along it, up to a place or its end.
+
+    `beside_m`: in place of the path's own points, ones so far above, east and north of it, in turn: these feel a turn
+    about a path that is straight.
+    """
     last = float(len(plan) - 1) if upto is None else upto
     end_m = jnp.interp(jnp.asarray(last), jnp.arange(len(plan)).astype(float), plan.distance_m)
     along = jnp.linspace(0.0, 1.0, count) * end_m
     place = jnp.interp(along, plan.distance_m, jnp.arange(len(plan)).astype(float))
-    points = carried(plan, noise, place, position_at(plan, place))
+    offset = beside_m * jnp.roll(jnp.eye(3), 1, axis=0)[jnp.arange(count) % 3]
+    points = carried(plan, noise, place, position_at(plan, place) + offset)
     return Watched(points, own_covariance(points, plan, noise))
 
 

@@ -18,6 +18,7 @@ class Problem(eqx.Module):
     Attributes:
         watch: points whose accuracy counts, of the same plan and noise.
         standing_m: (f, 3) markers that stand already, and are part of every layout.
+        beside_m: how far from the path the watched points are, see `watched`.
         passes: of one marker that count, see `plan_visits`.
         criterion, robust: what is made small.
     """
@@ -28,6 +29,7 @@ class Problem(eqx.Module):
     sight: Sight
     region: Region
     standing_m: Float[Array, "f 3"]
+    beside_m: Float[Array, ""]
     passes: int = eqx.field(static=True)
     criterion: Criterion = eqx.field(static=True)
     robust: Robust = eqx.field(static=True)

@@ -19,8 +19,8 @@ from jaxgeo.graph.components import COMPONENTS
 
 # Places along the path at which one more marker is tried.
 _ALONG = 48
-# A better survey has half the standard deviation; twice the dwell makes a sighting's smaller by the root of two.
-BETTER_SURVEY, LONGER_DWELL = 0.5, 0.5**0.5
+# A better survey has half the standard deviation; twice the dwell halves the variance of what averages out.
+BETTER_SURVEY, LONGER_DWELL = 0.5, 2.0
 
 
 class _Change(eqx.Module):
@@ -39,6 +39,7 @@ def what_if(
     standing: tuple[bool, ...],
     problem: Problem,
     candidate_m: Float[np.ndarray, "c 3"] | None = None,
+    floor_m: float = 0.0,
 ) -> tuple[WhatIf, ...]:
     """Every single change of a layout, worked out anew.
 
@@ -47,13 +48,15 @@ def what_if(
         point_m, name, standing: all markers, the standing ones too.
         problem: its own standing markers are not read.
         candidate_m: where one more marker may stand; None: anywhere allowed along the path.
+        floor_m: of a visit's standard deviation, what no dwell averages out.
     """
     free = without_standing(problem)
     found = [_one_more(point_m, problem, candidate_m)]
     found += [_one_lost(point_m, name, i, free) for i in range(len(name)) if not standing[i]]
     found += [_revisit(path, point_m, name, i, free) for i in range(len(name))]
     better = eqx.tree_at(lambda p: p.sight.survey_sigma_m, free, BETTER_SURVEY * free.sight.survey_sigma_m)
-    longer = eqx.tree_at(lambda p: p.sight.sigma_m, free, LONGER_DWELL * free.sight.sigma_m)
+    averaged = (free.sight.sigma_m**2 - floor_m**2) / LONGER_DWELL
+    longer = eqx.tree_at(lambda p: p.sight.sigma_m, free, jnp.sqrt(floor_m**2 + averaged))
     points = jnp.asarray(point_m)
     found.append(WhatIf("better survey", "", None, 0.0, _finite(accuracy(points, better))))
     found.append(WhatIf("longer dwell", "", None, 0.0, _finite(accuracy(points, longer))))
@@ -84,7 +87,7 @@ def _gradient(point_m: Float[Array, "k 3"], problem: Problem) -> _Change:
             problem.sight,
             (problem.sight.survey_sigma_m * jnp.exp(change.survey), problem.sight.sigma_m * jnp.exp(change.sighting)),
         )
-        watch = watched(problem.plan, noise, problem.watch.points.place.shape[0])
+        watch = watched(problem.plan, noise, problem.watch.points.place.shape[0], beside_m=problem.beside_m)
         other = eqx.tree_at(lambda p: (p.noise, p.sight, p.watch), problem, (noise, sight, watch))
         moved = point_m + jnp.pad(change.shift_m, ((0, 0), (0, 1)))
         return jnp.log(accuracy_m(moved, other, smooth=True))
@@ -129,7 +132,8 @@ def _after_revisit(point_m: Float[Array, "k 3"], again: Array, longer, problem: 
         jnp.append(seen.location, again),
     )
     noise = problem.noise
-    watch = watched(longer, noise, problem.watch.points.place.shape[0], upto=len(problem.plan) - 1.0)
+    count = problem.watch.points.place.shape[0]
+    watch = watched(longer, noise, count, upto=len(problem.plan) - 1.0, beside_m=problem.beside_m)
     found = covariance_given(visits, longer, noise, watch, problem.sight)
     return robust_criterion_m(found, noise.weight, problem.criterion, problem.robust)
 

@@ -17,6 +17,7 @@ import typer
 from jaxgeo.cli.compare_command import compare
 from jaxgeo.cli.map_command import map_
 from jaxgeo.cli.odometry_command import odometry
+from jaxgeo.cli.place_command import place, predict
 from jaxgeo.cli.rtabmap_command import rtabmap
 from jaxgeo.cli.simulate_sensors_command import simulate_sensors
 from jaxgeo.cli.study_commands import study
@@ -241,6 +242,8 @@ for name, command in {
     "odometry": odometry,
     "map": map_,
     "warp": warp,
+    "place": place,
+    "predict": predict,
     "compare": compare,
     "rtabmap": rtabmap,
     "simulate-sensors": simulate_sensors,

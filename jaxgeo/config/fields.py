@@ -54,6 +54,12 @@ def _file_name(value: Any) -> Any:
     return value
 
 
+def _crs(value: Any) -> Any:
+    if not isinstance(value, str) or not re.fullmatch(r"local|epsg:\d+(\+\d+)?", value.lower()):
+        raise ValueError("expected EPSG:<code>, EPSG:<horizontal>+<vertical>, or local for a site frame")
+    return "local" if value.lower() == "local" else value.upper()
+
+
 def _column(value: Any) -> str | int:
     if isinstance(value, bool) or not isinstance(value, str | int) or value == "":
         raise ValueError("expected a header name or a 0-based column number")
@@ -99,6 +105,7 @@ def _input_file(value: Any, info: Info) -> Path:
 
 
 Name = Annotated[str, BeforeValidator(_name)]
+Crs = Annotated[str, BeforeValidator(_crs)]
 FileName = Annotated[str, BeforeValidator(_file_name)]
 # What a column holds -> its header name or 0-based number. Which keys a table can have is known by its reader alone.
 Columns = dict[str, Annotated[str | int, PlainValidator(_column)]]

@@ -1,24 +1,32 @@
-"""A config file to a checked `SessionConfig`, and back to text."""
+"""A config file to a checked config of its kind, and back to text."""
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
+from jaxgeo.config.fields import Section
 from jaxgeo.config.schema import SessionConfig
 from jaxgeo.errors import ConfigError
 from jaxgeo.io.yaml_text import dump_yaml, parse_yaml
 
 _SIGHTING_KINDS = ("corners", "poses", "images", "control_points", "from_trajectory")
+Config = TypeVar("Config", bound=Section)
 
 
 def load_config(path: Path | str, overrides: Sequence[str] = ()) -> SessionConfig:
-    """Read, override and check a session's config.
+    """Read, override and check a session's config, as `read_config` does."""
+    return read_config(path, SessionConfig, overrides)
+
+
+def read_config(path: Path | str, kind: type[Config], overrides: Sequence[str] = ()) -> Config:
+    """Read, override and check a config.
 
     Args:
         path: a YAML file. Relative paths in it are relative to its folder; `${JAXGEO_DATA}` is expanded.
+        kind: its schema, whose main keys have a description.
         overrides: `key.sub=value`, the value in YAML, as given to `--set`.
 
     Raises:
@@ -36,18 +44,17 @@ def load_config(path: Path | str, overrides: Sequence[str] = ()) -> SessionConfi
         raise ConfigError(f"{path}: {error}") from None
     if not isinstance(data, dict):
         found = "nothing" if data is None else type(data).__name__
-        raise ConfigError(
-            f"{path}: holds {found}; expected a mapping with the keys name, crs, survey, sightings, trajectories"
-        )
+        main = ", ".join(name for name, field in kind.model_fields.items() if field.description)
+        raise ConfigError(f"{path}: holds {found}; expected a mapping with the keys {main}")
     for override in overrides:
         _set(data, override)
     try:
-        return SessionConfig.model_validate(data, context={"folder": path.parent.absolute()})
+        return kind.model_validate(data, context={"folder": path.parent.absolute()})
     except ValidationError as error:
         raise ConfigError(f"{path}: {described(error)}") from None
 
 
-def dump_config(config: SessionConfig) -> str:
+def dump_config(config: Section) -> str:
     """The whole config as YAML, defaults written out and paths resolved; it loads back to the same config."""
     return dump_yaml(config.model_dump(mode="json"))
 

@@ -1,11 +1,10 @@
 """What the config of one session may say: lengths in metres, times in seconds, angles in radians."""
 
-import re
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import Field, model_validator
 
-from jaxgeo.config.fields import FileName, InputFile, Name, NonNegative, Positive, Section, Vector, nearest
+from jaxgeo.config.fields import Crs, FileName, InputFile, Name, NonNegative, Positive, Section, Vector, nearest
 from jaxgeo.config.images import ImagesSightingsInput
 from jaxgeo.config.inputs import (
     AnyTrajectoryInput,
@@ -20,12 +19,6 @@ from jaxgeo.config.inputs import (
     SurveyInput,
 )
 from jaxgeo.config.recording import MappingInput, RgbdInput, ScansInput
-
-
-def _crs(value: Any) -> Any:
-    if not isinstance(value, str) or not re.fullmatch(r"local|epsg:\d+(\+\d+)?", value.lower()):
-        raise ValueError("expected EPSG:<code>, EPSG:<horizontal>+<vertical>, or local for a site frame")
-    return "local" if value.lower() == "local" else value.upper()
 
 
 class Visits(Section):
@@ -150,7 +143,7 @@ class SessionConfig(Section):
     """
 
     name: FileName = Field(description="the session's name, used in file names")
-    crs: Annotated[str, BeforeValidator(_crs)] = Field(
+    crs: Crs = Field(
         description="the survey's coordinate system: EPSG:2169, EPSG:2169+5773, .. or local for a site frame"
     )
     simulated: bool = False

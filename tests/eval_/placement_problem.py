@@ -53,6 +53,7 @@ def small_problem(**changes) -> Problem:
         "sight": SIGHT,
         "region": region_of(4.0),
         "standing_m": jnp.zeros((0, 3)),
+        "beside_m": jnp.zeros(()),
         "passes": 2,
         "criterion": "path",
         "robust": "mixture",

@@ -138,3 +138,22 @@ def test_what_robust_averages(subtests):
         with subtests.test(robust):
             found = float(robust_criterion_m(sets, weight, "E", robust))
             assert found == pytest.approx(sigma)
+
+
+def test_points_beside_a_straight_path_feel_the_turn_about_it():
+    n, noise = 130, two_sets()
+    along = np.column_stack([np.linspace(0.0, 60.0, n), np.zeros((n, 2))])
+    plan = plan_of(Trajectory(np.arange(float(n)), along, np.tile([1.0, 0.0, 0.0, 0.0], (n, 1))))
+    point = along[[5, 60, 125]]
+    aside = point + np.array([[0.0, 2.0, 0.0], [0.0, -2.0, 0.0], [0.0, 2.0, 0.0]])
+    place = place_at_stamp(plan, jnp.array([5.0, 60.0, 125.0]))
+
+    @jax.jit
+    def worst_m(at, beside_m):
+        watch = watched(plan, noise, 6, beside_m=beside_m)
+        visits = Visits(place, at, jnp.ones(3), jnp.arange(3))
+        found = covariance_given(visits, plan, noise, watch, SIGHT)
+        return jnp.sqrt(jnp.max(jnp.trace(found, axis1=2, axis2=3)))
+
+    assert float(worst_m(point, 0.0)) < 1.0 < 1e4 < float(worst_m(point, 1.0))
+    assert float(worst_m(aside, 1.0)) < 1.0

@@ -109,7 +109,7 @@ def test_the_answer_compares_and_says_what_if(answer, subtests):
         s = answer.sensitivity
         # All lengths and sigmas of one unit: scaled together, the criterion scales.
         total = s.survey_sigma + s.sighting_sigma + sum(s.noise.values())
-        assert total == pytest.approx(1.0, abs=0.01)
+        assert total == pytest.approx(1.0, abs=1e-6)
         assert s.position_per_m.shape == (3, 2)
 
 
