@@ -16,10 +16,11 @@ import optimistix as optx
 from jaxtyping import Array, Float
 
 from eval.placement.candidates import candidates_along, equal_spacing
+from eval.placement.known_visits import candidate_visits
 from eval.placement.plan import place_at_distance, position_at
 from eval.placement.problem import Problem, accuracy_m
 from eval.placement.region import placed
-from eval.placement.subset_search import exchanged, subset_values
+from eval.placement.subset_search import exchanged, random_subsets, subset_values
 from jaxgeo.errors import InputError
 
 # Plan coordinates are searched in units of this share of the path's extent.
@@ -97,11 +98,12 @@ def _cost(y: Float[Array, "k 2"], args: tuple[Problem, Array]) -> Float[Array, "
 def _starts(count: int, problem: Problem, settings: SearchSettings) -> Float[np.ndarray, "s k 2"]:
     random = np.random.default_rng(settings.seed)
     candidates = candidates_along(problem, max(_ALONG, 2 * count))
-    drawn = np.stack([random.choice(len(candidates), count, replace=False) for _ in range(settings.subsets)])
-    best = np.argsort(subset_values(candidates, drawn, problem), kind="stable")
+    known = candidate_visits(candidates, problem)
+    drawn = random_subsets(len(candidates), count, settings.subsets, random)
+    best = np.argsort(subset_values(known, drawn), kind="stable")
     chosen = drawn[best[: settings.starts // 2]]
     for i in range(min(settings.exchanged, len(chosen))):
-        chosen[i], _ = exchanged(chosen[i], candidates, problem)
+        chosen[i], _ = exchanged(known, chosen[i])
     rest = max(settings.starts - len(chosen) - 1, 0)
     share = (np.arange(count) + random.uniform(0.0, 1.0, (rest, count))) / count
     share = (share + random.uniform(0.0, 1.0, (rest, 1))) % 1.0

@@ -14,13 +14,14 @@ from eval.placement.answer import Method, PlacementAnswer, PlannedLayout, Planne
 from eval.placement.candidates import candidates_along, equal_spacing, most_passes
 from eval.placement.criteria import CRITERIA, Criterion, Robust, robust_criterion_m
 from eval.placement.gradient_search import Found, SearchSettings, gradient_search
+from eval.placement.known_visits import KnownVisits, candidate_visits
 from eval.placement.noise_sets import few_sets
 from eval.placement.plan import plan_of, position_at, wandering
 from eval.placement.plan_visits import MOST_PASSES, Sight, distance_of, plan_visits
 from eval.placement.predicted import UNDETERMINED_M, watched
 from eval.placement.problem import Problem, accuracy, predicted_covariance, without_standing
 from eval.placement.region import region_of
-from eval.placement.subset_search import best_subset, exchanged, greedy_subset
+from eval.placement.subset_search import Choice, best_subset, exchanged, greedy_subset
 from eval.placement.what_if import sensitivity, what_if
 from jaxgeo.data import Trajectory
 from jaxgeo.errors import InputError
@@ -74,7 +75,7 @@ class PlacementInput:
 
 
 @dataclasses.dataclass(frozen=True)
-class _Task:
+class Task:
     """`problem` under all noise sets, and `search` under a few."""
 
     path: Trajectory
@@ -97,7 +98,7 @@ def place_anchors(
         TrajectoryError: a path that does not move.
         InputError: too few markers to fix the frame, or more than there are candidates.
     """
-    task = _task(path, noise, given)
+    task = task_of(path, noise, given)
     return tuple(_placed(count, task, say) for count in given.counts)
 
 
@@ -116,12 +117,17 @@ def predict_layout(
     """
     if len(point_m) < 3:
         raise InputError(f"a layout of {len(point_m)} markers cannot fix the frame; expected three or more.")
-    task = _task(path, noise, dataclasses.replace(given, standing_m=np.zeros((0, 3)), standing_name=()))
+    task = task_of(path, noise, dataclasses.replace(given, standing_m=np.zeros((0, 3)), standing_name=()))
     layout = _layout("given", point_m, list(name), (False,) * len(name), task, 0.0)
     return _answer((layout,), task, None)
 
 
-def _task(path: Trajectory, noise: NoiseEnsemble, given: PlacementInput) -> _Task:
+def task_of(path: Trajectory, noise: NoiseEnsemble, given: PlacementInput) -> Task:
+    """Everything that layouts are judged by.
+
+    Raises:
+        TrajectoryError: a path that does not move.
+    """
     plan = plan_of(path, wanders=wandering(noise))
     sight = Sight(
         jnp.asarray(given.range_m),
@@ -149,10 +155,10 @@ def _task(path: Trajectory, noise: NoiseEnsemble, given: PlacementInput) -> _Tas
     points = min(given.watched, SEARCH_WATCHED)
     passes = most_passes(under(few, points, SEARCH_BESIDE_M, given.most_passes))
     whole, search = under(noise, given.watched, 0.0, passes), under(few, points, SEARCH_BESIDE_M, passes)
-    return _Task(path, given, whole, search)
+    return Task(path, given, whole, search)
 
 
-def _placed(count: int, task: _Task, say: Callable[[str], None]) -> PlacementAnswer:
+def _placed(count: int, task: Task, say: Callable[[str], None]) -> PlacementAnswer:
     given, search = task.given, task.search
     if given.candidate_m is not None and count > len(given.candidate_m):
         raise InputError(f"{count} markers, but {len(given.candidate_m)} candidates: expected no more than these.")
@@ -173,7 +179,7 @@ def _placed(count: int, task: _Task, say: Callable[[str], None]) -> PlacementAns
     for method, candidate, choose in _choices(count, task):
         start = time.perf_counter()
         say(f"{count} markers: {method}")
-        rows, _ = choose(candidate, count, search)
+        rows, _ = choose(candidate_visits(candidate, search), count)
         add(method, start, candidate[rows])
     add("equal spacing", time.perf_counter(), _equally_spaced(count, task))
     layouts.sort(key=lambda layout: layout.accuracy_m[given.criterion])
@@ -181,12 +187,12 @@ def _placed(count: int, task: _Task, say: Callable[[str], None]) -> PlacementAns
     return _answer(tuple(layouts), task, found)
 
 
-def _choices(count: int, task: _Task) -> list:
+def _choices(count: int, task: Task) -> list:
     """(method, candidates, how) of the searches over candidates."""
     given = task.given
 
-    def by_exchange(candidate_m: Float[np.ndarray, "c 3"], count: int, problem: Problem) -> tuple:
-        return exchanged(greedy_subset(candidate_m, count, problem)[0], candidate_m, problem)
+    def by_exchange(known: KnownVisits, count: int) -> Choice:
+        return exchanged(known, greedy_subset(known, count)[0])
 
     if given.candidate_m is not None:
         candidate = given.candidate_m
@@ -200,7 +206,7 @@ def _choices(count: int, task: _Task) -> list:
     return choices
 
 
-def _equally_spaced(count: int, task: _Task) -> Float[np.ndarray, "k 3"]:
+def _equally_spaced(count: int, task: Task) -> Float[np.ndarray, "k 3"]:
     """Equal spacing; with candidates, the nearest of them that is not taken yet."""
     even = equal_spacing(count, task.search)
     candidate = task.given.candidate_m
@@ -214,7 +220,7 @@ def _equally_spaced(count: int, task: _Task) -> Float[np.ndarray, "k 3"]:
     return candidate[taken]
 
 
-def _of_method(method: Method, point_m: Float[np.ndarray, "k 3"], task: _Task, seconds: float) -> PlannedLayout:
+def _of_method(method: Method, point_m: Float[np.ndarray, "k 3"], task: Task, seconds: float) -> PlannedLayout:
     """A layout of new markers, named in the order of the path, and the standing ones."""
     given = task.given
     place = np.asarray(plan_visits(jnp.asarray(point_m), task.problem.plan, task.problem.sight, 1).place)
@@ -235,7 +241,7 @@ def _layout(
     point_m: Float[np.ndarray, "k 3"],
     name: list[str],
     standing: tuple[bool, ...],
-    task: _Task,
+    task: Task,
     seconds: float,
 ) -> PlannedLayout:
     problem = without_standing(task.problem)
@@ -266,7 +272,7 @@ def _layout(
 _predicted = eqx.filter_jit(predicted_covariance)
 
 
-def _answer(layouts: tuple[PlannedLayout, ...], task: _Task, found: Found | None) -> PlacementAnswer:
+def _answer(layouts: tuple[PlannedLayout, ...], task: Task, found: Found | None) -> PlacementAnswer:
     chosen, problem = layouts[0], task.problem
     points = problem.watch.points
     near = 0 if found is None else int(np.sum(found.value_m <= 1.01 * found.value_m[0]))

@@ -9,6 +9,7 @@ from jaxtyping import Array, Float
 from eval.placement.answer import Sensitivity, WhatIf
 from eval.placement.candidates import candidates_along
 from eval.placement.criteria import robust_criterion_m
+from eval.placement.known_visits import candidate_visits
 from eval.placement.plan import extended_plan
 from eval.placement.plan_visits import Visits, plan_visits
 from eval.placement.predicted import UNDETERMINED_M, covariance_given, watched
@@ -101,7 +102,7 @@ def _one_more(
 ) -> WhatIf:
     with_all = eqx.tree_at(lambda p: p.standing_m, problem, jnp.asarray(point_m))
     tried = candidates_along(problem, _ALONG) if candidate_m is None else candidate_m
-    value = subset_values(tried, np.arange(len(tried))[:, None], with_all)
+    value = subset_values(candidate_visits(tried, with_all), np.arange(len(tried))[:, None])
     best = int(np.argmin(value))
     return WhatIf("one more", "", tried[best], 0.0, float(value[best]))
 

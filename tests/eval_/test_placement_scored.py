@@ -1,13 +1,17 @@
-"""Choices of anchors corrected alone: as `calibrate_and_correct` does it with nothing else, and judged by the rest."""
+"""Choices of anchors corrected alone: as a fold that leaves out the rest, and judged by the rest."""
 
 import dataclasses
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from eval_.small_problem import LEARN, SETTINGS, SHIFT_M, problem, shifted, three_on_a_line
 
-from calibration.calibrate import calibrate_and_correct
-from eval.placement.scored import corrected_with, marker_error_m, of_locations
+from calibration.calibrate import learn_options
+from calibration.learn import learn_folds, prior_arrays
+from eval.placement.scored import _filled, corrected_with, marker_error_m, of_locations
+from jaxgeo.graph.anchor_table import anchor_table
+from jaxgeo.graph.chain import chain_of
 
 CHOICE = np.array([True, False, True, True, True, False])  # A C D E
 
@@ -23,12 +27,22 @@ def chosen(trajectory, anchors, *choices):
 
 def test_a_choice_is_corrected_by_its_visits_alone(session):
     trajectory, anchors = session
-    # A choice of more visits makes the common table larger than this one needs.
-    found = chosen(trajectory, anchors, CHOICE, np.ones(6, dtype=bool))[0]
+    found = chosen(trajectory, anchors, CHOICE)[0]
     assert found.determined
-    own = of_locations(anchors, CHOICE)
-    _, correction, _ = calibrate_and_correct(trajectory, own, SETTINGS, LEARN, np.zeros((0, len(own))))
-    np.testing.assert_allclose(found.corrected.position_m, correction.corrected.position_m, atol=1e-6)
+    # The fold of the same anchors, all in one table, predicts the markers that it leaves out.
+    chain = chain_of(trajectory)
+    use = np.ones((8, 8))
+    use[1, : len(anchors)] = CHOICE[anchors.location_index]
+    folds, _ = learn_folds(
+        chain,
+        anchor_table(anchors, chain),
+        prior_arrays(LEARN.family),
+        jnp.asarray(use),
+        jnp.asarray(SETTINGS.loss_width),
+        learn_options(SETTINGS, LEARN),
+    )
+    predicted = np.linalg.norm(np.asarray(folds.fold.point_m)[1, :7] - anchors.surveyed_enh_m, axis=1)
+    np.testing.assert_allclose(marker_error_m(found.corrected, anchors), predicted, atol=5e-3)
     # Nothing of what was left out is read.
     moved = chosen(trajectory, shifted(anchors, "B"), CHOICE)[0]
     np.testing.assert_array_equal(moved.corrected.position_m, found.corrected.position_m)
@@ -36,6 +50,21 @@ def test_a_choice_is_corrected_by_its_visits_alone(session):
     apart = marker_error_m(moved.corrected, shifted(anchors, "B")) - error
     assert abs(apart[1]) > 0.5 * np.linalg.norm(SHIFT_M)
     assert np.all(apart[[0, 2, 3, 4, 5, 6]] == 0.0)
+
+
+def test_a_wider_table_has_more_padding_and_nothing_else(session):
+    trajectory, anchors = session
+    table = anchor_table(of_locations(anchors, CHOICE), chain_of(trajectory))
+    wide = _filled(table, 12)
+    np.testing.assert_array_equal(wide.later_than, table.later_than)
+    for name, column in vars(table).items():
+        if name != "later_than":
+            assert len(getattr(wide, name)) == 12
+            np.testing.assert_array_equal(getattr(wide, name)[:8], column)
+    for name in ("real", "pose_index", "has_rotation", "location"):
+        np.testing.assert_array_equal(getattr(wide, name)[8:], np.repeat(getattr(table, name)[7:], 4))
+    whole = anchor_table(anchors, chain_of(trajectory))
+    assert float(_filled(whole, 10).real.sum()) == 7.0
 
 
 def test_a_choice_on_a_line_has_no_path():

@@ -10,6 +10,7 @@ from eval_.placement_problem import loop, one_set, small_problem
 
 from eval.placement.candidates import along_path, candidates_along, equal_spacing, is_closed, most_passes
 from eval.placement.gradient_search import SearchSettings, gradient_search
+from eval.placement.known_visits import candidate_visits
 from eval.placement.planned import PlacementInput, place_anchors, predict_layout
 from eval.placement.problem import accuracy, without_standing
 from eval.placement.subset_search import best_subset, exchanged, greedy_subset, subset_values
@@ -35,7 +36,7 @@ def problem():
 
 
 def test_gradient_reaches_the_best_of_a_grid_and_beats_equal_spacing(problem):
-    _, best = best_subset(candidates_along(problem, 16), 3, problem)
+    _, best = best_subset(candidate_visits(candidates_along(problem, 16), problem), 3)
     found = gradient_search(3, problem, QUICK)
     assert found.value_m[0] <= 1.005 * best
     assert found.value_m[0] < float(accuracy(jnp.asarray(equal_spacing(3, problem)), problem))
@@ -47,24 +48,25 @@ def test_gradient_reaches_the_best_of_a_grid_and_beats_equal_spacing(problem):
 def test_subsets_are_judged_as_layouts_are(problem):
     candidate = candidates_along(problem, 12)
     rows = np.array([[0, 4, 8], [1, 2, 3], [2, 6, 11]])
-    found = subset_values(candidate, rows, problem)
+    found = subset_values(candidate_visits(candidate, problem), rows)
     alone = [float(accuracy(jnp.asarray(candidate[row]), problem)) for row in rows]
     np.testing.assert_allclose(found, alone, rtol=1e-9)
     standing = eqx.tree_at(lambda p: p.standing_m, problem, jnp.asarray(candidate[8:9]))
-    np.testing.assert_allclose(subset_values(candidate, rows[:1, :2], standing), found[:1], rtol=1e-9)
+    known = candidate_visits(candidate, standing)
+    np.testing.assert_allclose(subset_values(known, rows[:1, :2]), found[:1], rtol=1e-9)
     assert without_standing(standing).standing_m.shape == (0, 3)
 
 
 def test_best_greedy_and_exchange_agree_with_trying_all(problem):
-    candidate = candidates_along(problem, 12)
+    known = candidate_visits(candidates_along(problem, 12), problem)
     every = np.array(list(itertools.combinations(range(12), 3)))
-    values = subset_values(candidate, every, problem)
-    rows, value = best_subset(candidate, 3, problem)
+    values = subset_values(known, every)
+    rows, value = best_subset(known, 3)
     assert value == pytest.approx(values.min())
     np.testing.assert_array_equal(rows, every[np.argmin(values)])
-    np.testing.assert_array_equal(greedy_subset(candidate, 3, problem)[0], rows)
-    four, greedy = greedy_subset(candidate, 4, problem)
-    improved, better = exchanged(four, candidate, problem)
+    np.testing.assert_array_equal(greedy_subset(known, 3)[0], rows)
+    four, greedy = greedy_subset(known, 4)
+    improved, better = exchanged(known, four)
     assert better <= greedy < value
     assert len(set(improved.tolist())) == 4
 
