@@ -52,3 +52,17 @@ def montecarlo(
     from jaxgeo.cli.montecarlo import Asked, study_montecarlo
 
     study_montecarlo(Asked(out, draws, seed, regimes, poses, chunk, devices, batch, workers, quiet))
+
+
+@study.command()
+def placement(
+    out: Annotated[Path, typer.Option(help="Folder for the outputs.")] = Path("out/study-placement"),
+    sessions: Annotated[int, typer.Option(min=2, help="Simulated sessions of each layout and noise.")] = 60,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the first session; the next ones follow.")] = 0,
+    regimes: Annotated[str, typer.Option(help="In which ways the odometry errs.")] = "white,biased,gauss-markov",
+    quiet: Annotated[bool, typer.Option("--quiet", help="Print errors only.")] = False,
+) -> None:
+    """The reference study's findings on the number and the places of anchors: predicted, and achieved in simulation."""
+    from jaxgeo.cli.study_placement import study_placement
+
+    study_placement(out, sessions, seed, regimes, quiet)
