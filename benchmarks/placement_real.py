@@ -177,7 +177,7 @@ def random_summary(promised: Float[np.ndarray, "s"], random: Float[np.ndarray, "
         found[measure] |= {
             "least": finite(error.min()),
             "rank_correlation_with_promise": rank_correlation(promised, error),
-            "log_scatter_about_promise": finite(np.std(np.log(error / promised)[np.isfinite(error)])),
+            "log_scatter_about_promise": finite(float(np.std(np.log(error / promised)[np.isfinite(error)]))),
         }
     return found
 

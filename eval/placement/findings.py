@@ -130,11 +130,11 @@ def _found(
     draws = resampled_rows(len(achieved_m2), seed=0)
 
     def over_sessions(some: Float[np.ndarray, "s ..."]) -> Spread:
-        mean = np.nanmean(some.reshape(len(some), -1), axis=1)
-        return Spread(_rms(mean), *np.quantile(np.sqrt(np.nanmean(mean[draws], axis=1)), [0.025, 0.975]).tolist())
+        mean = _mean(some.reshape(len(some), -1), axis=1)
+        return Spread(_rms(mean), *np.quantile(np.sqrt(_mean(mean[draws], axis=1)), [0.025, 0.975]).tolist())
 
     counts, size = [], choices.sum(axis=1)
-    promised, per_session = np.sqrt(np.nanmean(predicted_m2, axis=(0, 2))), np.nanmean(achieved_m2, axis=2)
+    promised, per_session = np.sqrt(_mean(predicted_m2, axis=(0, 2))), _mean(achieved_m2, axis=2)
     for k in range(LEAST, len(names)):
         some = size == k
         of_choices = Spread(*np.quantile(promised[some], [0.5, 0.16, 0.84]).tolist())
@@ -146,11 +146,11 @@ def _found(
     alone = np.flatnonzero(size == len(names) - 1)
     is_near = np.array([names[int(np.flatnonzero(~choices[row])[0])] in near for row in alone])
     near_rows, other_rows = alone[is_near], alone[~is_near]
-    each = [np.nanmean(achieved_m2[:, rows].reshape(len(achieved_m2), -1), axis=1) for rows in (near_rows, other_rows)]
+    each = [_mean(achieved_m2[:, rows].reshape(len(achieved_m2), -1), axis=1) for rows in (near_rows, other_rows)]
     ratio = np.sqrt(each[0][draws].mean(axis=1) / each[1][draws].mean(axis=1))
     four = np.flatnonzero(size == 4)
-    promise, truth = promised[four], np.sqrt(np.nanmean(per_session[:, four], axis=0))
-    orders = [rank_correlation(promise, np.nanmean(per_session[rows][:, four], axis=0)) for rows in draws]
+    promise, truth = promised[four], np.sqrt(_mean(per_session[:, four], axis=0))
+    orders = [rank_correlation(promise, _mean(per_session[rows][:, four], axis=0)) for rows in draws]
     ends = [
         (tuple(np.array(names)[choices[four[i]]].tolist()), float(promise[i]), float(truth[i]))
         for i in (int(np.argmin(promise)), int(np.argmax(promise)))
@@ -253,8 +253,15 @@ def rank_correlation(a: Float[np.ndarray, "n"], b: Float[np.ndarray, "n"]) -> fl
 
 def _median_choice(squared: Float[np.ndarray, "s c"]) -> float:
     """RMS over sessions of the choice in the middle."""
-    return float(np.median(np.sqrt(np.nanmean(squared, axis=0))))
+    return float(np.median(np.sqrt(_mean(squared, axis=0))))
 
 
 def _rms(squared: Float[np.ndarray, "..."]) -> float:
-    return float(np.sqrt(np.nanmean(squared)))
+    return float(np.sqrt(_mean(squared)))
+
+
+def _mean(values: Float[np.ndarray, "..."], axis: int | tuple[int, ...] | None = None) -> Float[np.ndarray, "..."]:
+    """Of what is a number; NaN, without a word, where nothing is: a correction that did not settle."""
+    known = np.isfinite(values)
+    count = known.sum(axis=axis)
+    return np.where(count > 0, np.where(known, values, 0.0).sum(axis=axis) / np.maximum(count, 1), np.nan)
