@@ -1,0 +1,15 @@
+"""Runs of the small session, and what lies in its folder."""
+
+from pathlib import Path
+
+from jaxgeo.cli.main import main
+
+
+def snapshot(folder: Path) -> dict[str, bytes | None]:
+    """Every file's bytes and every folder, hidden ones too."""
+    return {str(path.relative_to(folder)): path.read_bytes() if path.is_file() else None for path in folder.rglob("*")}
+
+
+def run(session: Path, name: str = "poses", *overrides: str, out: str = "out") -> int:
+    options = [word for override in overrides for word in ("--set", override)]
+    return main(["run", str(session / f"{name}.yaml"), "--out", str(session / out), "--quiet", *options])
