@@ -66,7 +66,7 @@ def main(
     parts: str = typer.Option(",".join(PARTS), help="Some of these, separated by commas."),
     sessions: int = typer.Option(600, min=3, help="Simulated sessions, all regimes together."),
     random: int = typer.Option(200, min=1, help="Random choices of anchors on every real path."),
-    counts: str = typer.Option("4,6,8,10", help="Numbers of anchors on real paths, separated by commas."),
+    counts: str = typer.Option("6", help="Numbers of anchors on real paths, separated by commas."),
     further: bool = typer.Option(False, "--further", help="KITTI 05, 06 and 07 too."),
     starts: int = typer.Option(64, min=2, help="Of the gradient search."),
     seed: int = typer.Option(0, help="Of everything that is drawn."),
