@@ -17,6 +17,8 @@ EXTRAS = [
     "rosbags",
     "rerun",
     "rasterio",
+    "distributed",
+    "pyarrow",
     "gtsam",
     "evo",
 ]

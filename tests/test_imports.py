@@ -36,6 +36,9 @@ ADAPTERS: dict[str, set[str]] = {
     "rosbags": {"jaxgeo/io/bag_reader.py", "jaxgeo/simulate/sensors/bag_file.py"},
     "rerun": set(),
     "rasterio": {"jaxgeo/io/orthophoto.py"},
+    "dask": {"jaxgeo/cli/campaign_cluster.py"},
+    "distributed": {"jaxgeo/cli/campaign_cluster.py"},
+    "pyarrow": {"jaxgeo/cli/campaign_parquet.py"},
 }
 ORACLES = {"evo", "gtsam"}
 

@@ -14,6 +14,7 @@ from typing import Annotated
 
 import typer
 
+from jaxgeo.cli.campaign_command import campaign
 from jaxgeo.cli.compare_command import compare
 from jaxgeo.cli.map_command import map_
 from jaxgeo.cli.odometry_command import odometry
@@ -244,6 +245,7 @@ for name, command in {
     "warp": warp,
     "place": place,
     "predict": predict,
+    "campaign": campaign,
     "compare": compare,
     "rtabmap": rtabmap,
     "simulate-sensors": simulate_sensors,

@@ -65,7 +65,8 @@ def learn_settings(
 
 def session_prior(stored: StoredNoise, family: FamilyPrior) -> FamilyPrior:
     """Another session's posterior as this one's prior, widened by what changes between sessions; absolute values."""
-    covariance = stored.theta_covariance + BETWEEN_SESSIONS_LOG_SD**2 * np.eye(N_COMPONENTS)
+    between = 0.0 if stored.between_sessions else BETWEEN_SESSIONS_LOG_SD**2
+    covariance = stored.theta_covariance + between * np.eye(N_COMPONENTS)
     return FamilyPrior(stored.theta_mean, np.zeros(N_COMPONENTS), covariance, family.free)
 
 

@@ -25,6 +25,7 @@ class StoredNoise:
         theta_mean, theta_covariance: (n,), (n, n) of log sigma.
         sigma, weight: (q, n) and (q,) of the ensemble; the weights sum to 1.
         correlation_m: over which wander and bounded error forget.
+        between_sessions: whether the covariance has in it what changes between sessions: pooled over several.
     """
 
     session: str
@@ -36,6 +37,7 @@ class StoredNoise:
     sigma: Float[np.ndarray, "q n"]
     weight: Float[np.ndarray, "q"]
     correlation_m: float
+    between_sessions: bool = False
 
 
 def read_noise(path: str | Path, components: Sequence[str], trajectory: str | None = None) -> StoredNoise:
@@ -91,6 +93,7 @@ def read_noise(path: str | Path, components: Sequence[str], trajectory: str | No
         sigma=sigma[:, order],
         weight=weight / weight.sum(),
         correlation_m=correlation_m,
+        between_sessions=learned.get("between_sessions") is True,
     )
 
 

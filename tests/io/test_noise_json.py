@@ -1,5 +1,6 @@
 """noise.json of another session: read back as it was written, or refused with file and key."""
 
+import dataclasses
 import json
 from collections.abc import Callable
 from typing import Any
@@ -8,9 +9,12 @@ import numpy as np
 import pytest
 from export.synthetic_learned import learned_noise
 
+from calibration.models import family_prior
+from jaxgeo.cli.noise import session_prior
 from jaxgeo.errors import ConfigError
 from jaxgeo.export.noise_file import noise_json
 from jaxgeo.graph.components import COMPONENTS
+from jaxgeo.graph.noise_defaults import default_noise
 from jaxgeo.io.noise_json import read_noise
 
 
@@ -45,6 +49,16 @@ def test_reads_what_was_written(written):
     np.testing.assert_array_equal(stored.sigma, learned["ensemble"]["sigma"])
     np.testing.assert_allclose(stored.weight, learned["ensemble"]["weight"], rtol=1e-15)
     assert stored.correlation_m == 12.5
+
+
+def test_a_pooled_covariance_says_that_it_is_one(written):
+    assert read_noise(written(), COMPONENTS).between_sessions is False
+    pooled = read_noise(written(lambda learned: learned.update(between_sessions=True)), COMPONENTS)
+    assert pooled.between_sessions is True
+    family = family_prior("lidar", default_noise("lidar"))
+    widened = session_prior(dataclasses.replace(pooled, between_sessions=False), family).covariance
+    np.testing.assert_array_equal(session_prior(pooled, family).covariance, pooled.theta_covariance)
+    assert (np.diag(widened) > np.diag(pooled.theta_covariance)).all()
 
 
 def test_components_come_in_the_order_asked_for(written):
