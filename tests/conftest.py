@@ -9,8 +9,8 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
-# Most of a cold run is compiling, each program for a few calls. Without most of LLVM's optimisations, with the older
-# generator of loops and each program in one piece, for the other cores have work of their own, it is a third of that.
+# Most of a cold run is compiling, each program for a few calls: less of LLVM's work, the older generator of loops, and
+# each program in one piece, since other processes keep the other cores busy. Together half the time of a cold run.
 os.environ["XLA_FLAGS"] = " ".join(
     [
         os.environ.get("XLA_FLAGS", ""),

@@ -68,8 +68,9 @@ class Findings:
     Attributes:
         counts: (1); each location is held out of all others where k is one fewer than there are.
         near: the near-collinear locations.
-        near_predicted_m, others_predicted_m: RMS of the leave-one-out predictions; `ratio_predicted`.
-        near_achieved_m, others_achieved_m, ratio_achieved: RMS achieved, with intervals over sessions.
+        near_predicted_m, others_predicted_m: leave one location out, mean over locations of their RMS;
+            `ratio_predicted`.
+        near_achieved_m, others_achieved_m, ratio_achieved: the same achieved, with intervals over sessions.
         order: rank correlation over all choices of four of predicted and achieved RMS.
         best, worst: choices of four as predicted: names, predicted and achieved RMS.
         failed: folds that did not settle, which are left out.
@@ -129,25 +130,21 @@ def _found(
     achieved_m2 = np.where(held, achieved_m2, np.nan)
     draws = resampled_rows(len(achieved_m2), seed=0)
 
-    def over_sessions(some: Float[np.ndarray, "s ..."]) -> Spread:
-        mean = _mean(some.reshape(len(some), -1), axis=1)
-        return Spread(_rms(mean), *np.quantile(np.sqrt(_mean(mean[draws], axis=1)), [0.025, 0.975]).tolist())
-
     counts, size = [], choices.sum(axis=1)
     promised, per_session = np.sqrt(_mean(predicted_m2, axis=(0, 2))), _mean(achieved_m2, axis=2)
     for k in range(LEAST, len(names)):
         some = size == k
         of_choices = Spread(*np.quantile(promised[some], [0.5, 0.16, 0.84]).tolist())
         median = np.array([_median_choice(per_session[rows][:, some]) for rows in draws])
-        achieved = Spread(_median_choice(per_session[:, some]), *np.quantile(median, [0.025, 0.975]).tolist())
+        achieved = _spread(_median_choice(per_session[:, some]), median)
         counts.append(CountRow(k, int(some.sum()), of_choices, achieved))
     surveyed = np.array([_SURVEYED[name] for name in names])
     near = near_collinear(neighbours(names, surveyed))
     alone = np.flatnonzero(size == len(names) - 1)
     is_near = np.array([names[int(np.flatnonzero(~choices[row])[0])] in near for row in alone])
-    near_rows, other_rows = alone[is_near], alone[~is_near]
-    each = [_mean(achieved_m2[:, rows].reshape(len(achieved_m2), -1), axis=1) for rows in (near_rows, other_rows)]
-    ratio = np.sqrt(each[0][draws].mean(axis=1) / each[1][draws].mean(axis=1))
+    # Each location once, however often it was visited.
+    own_m2 = _mean(achieved_m2[:, alone], axis=2)
+    drawn = np.array([[_over_locations(own_m2[rows][:, some]) for some in (is_near, ~is_near)] for rows in draws])
     four = np.flatnonzero(size == 4)
     promise, truth = promised[four], np.sqrt(_mean(per_session[:, four], axis=0))
     orders = [rank_correlation(promise, _mean(per_session[rows][:, four], axis=0)) for rows in draws]
@@ -161,14 +158,14 @@ def _found(
         sessions=len(achieved_m2),
         counts=tuple(counts),
         near=tuple(name for name in names if name in near),
-        near_predicted_m=_rms(predicted_m2[:, near_rows]),
-        others_predicted_m=_rms(predicted_m2[:, other_rows]),
-        near_achieved_m=over_sessions(achieved_m2[:, near_rows]),
-        others_achieved_m=over_sessions(achieved_m2[:, other_rows]),
-        ratio_achieved=Spread(
-            float(np.sqrt(each[0].mean() / each[1].mean())), *np.quantile(ratio, [0.025, 0.975]).tolist()
+        near_predicted_m=_over_locations(_mean(predicted_m2[:, alone[is_near]], axis=2)),
+        others_predicted_m=_over_locations(_mean(predicted_m2[:, alone[~is_near]], axis=2)),
+        near_achieved_m=_spread(_over_locations(own_m2[:, is_near]), drawn[:, 0]),
+        others_achieved_m=_spread(_over_locations(own_m2[:, ~is_near]), drawn[:, 1]),
+        ratio_achieved=_spread(
+            _over_locations(own_m2[:, is_near]) / _over_locations(own_m2[:, ~is_near]), drawn[:, 0] / drawn[:, 1]
         ),
-        order=Spread(rank_correlation(promise, truth), *np.quantile(orders, [0.025, 0.975]).tolist()),
+        order=_spread(rank_correlation(promise, truth), np.array(orders)),
         best=ends[0],
         worst=ends[1],
         failed=failed,
@@ -252,12 +249,19 @@ def rank_correlation(a: Float[np.ndarray, "n"], b: Float[np.ndarray, "n"]) -> fl
 
 
 def _median_choice(squared: Float[np.ndarray, "s c"]) -> float:
-    """RMS over sessions of the choice in the middle."""
-    return float(np.median(np.sqrt(_mean(squared, axis=0))))
+    """RMS over sessions of the choice in the middle; of those that ever settled."""
+    each = np.sqrt(_mean(squared, axis=0))
+    return float(np.median(each[np.isfinite(each)])) if np.isfinite(each).any() else float("nan")
 
 
-def _rms(squared: Float[np.ndarray, "..."]) -> float:
-    return float(np.sqrt(_mean(squared)))
+def _over_locations(squared: Float[np.ndarray, "s n"]) -> float:
+    """Mean over locations of their RMS over sessions."""
+    return float(_mean(np.sqrt(_mean(squared, axis=0))))
+
+
+def _spread(value: float, drawn: Float[np.ndarray, "draws"]) -> Spread:
+    """With the middle 95 % of what other sessions would have given."""
+    return Spread(value, *np.nanquantile(drawn, [0.025, 0.975]).tolist())
 
 
 def _mean(values: Float[np.ndarray, "..."], axis: int | tuple[int, ...] | None = None) -> Float[np.ndarray, "..."]:
