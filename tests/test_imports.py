@@ -18,7 +18,7 @@ LAYERS = (
     {"geometry"},
     {"io", "associate", "georef", "graph"},
     {"solve", "detect", "odometry"},
-    {"mapping"},
+    {"mapping", "online"},
     {"export", "simulate", "config"},
     {"cli"},
 )

@@ -15,10 +15,12 @@ from typing import Annotated
 import typer
 
 from jaxgeo.cli.campaign_command import campaign
+from jaxgeo.cli.check_command import check
 from jaxgeo.cli.compare_command import compare
 from jaxgeo.cli.map_command import map_
 from jaxgeo.cli.odometry_command import odometry
 from jaxgeo.cli.place_command import place, predict
+from jaxgeo.cli.replay_command import replay
 from jaxgeo.cli.rtabmap_command import rtabmap
 from jaxgeo.cli.simulate_sensors_command import simulate_sensors
 from jaxgeo.cli.study_commands import study
@@ -246,6 +248,8 @@ for name, command in {
     "place": place,
     "predict": predict,
     "campaign": campaign,
+    "check": check,
+    "replay": replay,
     "compare": compare,
     "rtabmap": rtabmap,
     "simulate-sensors": simulate_sensors,
