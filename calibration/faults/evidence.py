@@ -123,7 +123,7 @@ def _log_marginal(found: Learned, system: AnchorSystem) -> Float[Array, ""]:
     used = (observed.known > 0)[:, None]
     diagonal = jnp.diagonal(observed.graph.anchors.sqrt_information, axis1=-2, axis2=-1)
     log_det_w = jnp.sum(jnp.where(used, jnp.log(jnp.where(used, diagonal, 1.0)), 0.0))
-    constant = 10.0 * log_det_w - 0.5 * jnp.linalg.slogdet(x.T @ x)[1] - 0.5 * found.found.count * jnp.log(2.0 * jnp.pi)
+    constant = log_det_w - 0.5 * jnp.linalg.slogdet(x.T @ x)[1] - 0.5 * found.found.count * jnp.log(2.0 * jnp.pi)
     by_model = jnp.where(found.fit.converged, found.fit.log_evidence, -jnp.inf)
     by_model = jnp.where(jnp.isnan(by_model), -jnp.inf, by_model)
     return jax.scipy.special.logsumexp(by_model) - jnp.log(by_model.shape[0]) + constant

@@ -122,7 +122,7 @@ def _decided(
     if alarm > -np.log(ALARM):
         named = max(posterior, key=posterior.__getitem__)
     elif off:
-        named = _shift_named(told, posterior, np.where(tested, predicted.tail, 1.0))
+        named = named_by_position(told, posterior, np.where(tested, predicted.tail, 1.0))
     else:
         named = of.right(told)
     top = posterior.get(named, 0.0)
@@ -143,11 +143,8 @@ def _decided(
     )
 
 
-def _shift_named(told: Sequence[str], posterior: dict[Hypothesis, float], tail: np.ndarray) -> Hypothesis:
-    """The visit with the least tail, which raised the alarm; its location, where that alone is far likelier."""
+def named_by_position(told: Sequence[str], posterior: dict[Hypothesis, float], tail: np.ndarray) -> Hypothesis:
+    """The visit with the least tail, which raised the alarm; a fault of another kind where that is far likelier."""
     visit = of.shifted(told)[int(np.argmin(tail))]
-    for h in posterior:
-        whole = h.kind == "shifted location" and visit.visits[0] in h.visits
-        if whole and posterior[h] > posterior[visit] - np.log(BESIDE):
-            return h
-    return visit
+    other = max((h for h in posterior if h.kind != "shifted"), key=posterior.__getitem__, default=visit)
+    return other if posterior[other] > posterior[visit] - np.log(BESIDE) else visit

@@ -11,7 +11,9 @@ from solve.revisited_session import KIND, MEDIANS, POSES, SURVEY_M, revisited_se
 
 from calibration.calibrate import LearnSettings
 from calibration.faults import FREE, Site, align, find_fault, finding_sentences, gate, relabelled, session_of
+from calibration.faults import hypotheses as of
 from calibration.faults.evidence import chi_square_3_tail
+from calibration.faults.find import named_by_position
 from calibration.faults.finding import ALARM
 from calibration.faults.gate import leave_one_out_tails
 from calibration.faults.predict import predict, smallest_shift_m
@@ -86,6 +88,24 @@ def test_a_shift_is_named_and_measured(made, site):
     assert np.linalg.norm(shift) > 2.0 * found.smallest_m[3]
     assert np.linalg.norm(found.error_m[3] - shift) < found.smallest_m[3]
     assert gate(session, ordered=True).worth
+
+
+@pytest.mark.parametrize(
+    ("others", "named"),
+    [
+        ({}, "shifted"),
+        # Another visit's greater evidence does not outweigh the tail that raised the alarm; another kind's does.
+        ({of.shifted(TOLD)[2]: 9.0}, "shifted"),
+        ({of.shifted_locations(TOLD)[0]: 2.0}, "shifted"),
+        ({of.shifted_locations(TOLD)[0]: 4.0}, "shifted location"),
+        ({of.shifted_locations(TOLD)[0]: 4.0, of.exchanged(TOLD)[0]: 5.0}, "exchanged"),
+    ],
+)
+def test_an_alarm_of_positions_is_named_by_the_least_tail(others, named):
+    tail = np.array([0.2, 0.3, 1e-4, 1e-6, 0.1, 1.0, 1e-5])
+    found = named_by_position(TOLD, {of.shifted(TOLD)[3]: 0.0} | others, tail)
+    assert found.kind == named
+    assert found.visits == (3,) or named != "shifted"
 
 
 def test_what_is_asked_of_one_visit_does_not_see_its_own_coordinates(made, site, sound):
