@@ -112,7 +112,8 @@ def main(
             print(
                 f"{key}: {value['hits']} of {value['of']} ({100 * value['share']:.1f} %, 95 % {low:.1f} to {high:.1f})"
             )
-    print("median seconds: " + ", ".join(f"{name} {value:.1f}" for name, value in found["median_seconds"].items()))
+    if found["median_seconds"]:
+        print("median seconds: " + ", ".join(f"{name} {value:.1f}" for name, value in found["median_seconds"].items()))
 
 
 if __name__ == "__main__":
