@@ -214,6 +214,17 @@ def summary_of(rows: list[dict[str, Any]]) -> dict[str, Any]:
     }
 
 
+def measured(sessions: int, held_out: bool = True) -> dict[str, Any]:
+    """`summary_of` all cases, and the cases: `sessions` simulated ones of each kind, and TagSLAM's where it lies."""
+    rows = list(simulated_rows(sessions))
+    real = tagslam() if (Path(os.environ["JAXGEO_DATA"]) / "tagslam").is_dir() else None
+    if real is not None:
+        rows += tagslam_rows(real)
+    if held_out:
+        rows += held_out_rows(real)
+    return {**summary_of(rows), "rows": rows}
+
+
 def print_table(result: dict[str, Any]) -> None:
     for row in result["rows"]:
         if "before_m" in row:
@@ -232,13 +243,7 @@ def main(
 ) -> None:
     os.environ.setdefault("JAXGEO_DATA", str(ROOT.parent / "shared" / "data"))
     enable_compilation_cache()
-    rows = list(simulated_rows(sessions))
-    real = tagslam() if (Path(os.environ["JAXGEO_DATA"]) / "tagslam").is_dir() else None
-    if real is not None:
-        rows += tagslam_rows(real)
-    if held_out:
-        rows += held_out_rows(real)
-    result = {**summary_of(rows), "rows": rows}
+    result = measured(sessions, held_out)
     if as_json:
         print(json.dumps(result, allow_nan=False))
     else:

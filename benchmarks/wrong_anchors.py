@@ -34,7 +34,10 @@ def rate(hits: Sequence[bool]) -> dict[str, Any] | None:
 
 
 def summary(simulated: Sequence[Row], real: Sequence[Row]) -> dict[str, Any]:
-    """The headline figures first; shares of simulated sessions, null where none were run."""
+    """The headline figures first; shares of simulated sessions, null where none were run.
+
+    `mislabel_found` is of one visit at a wrong place, by a wrong label or by a shift, each half the cases.
+    """
     of_fault = {name: [row for row in simulated if row["fault"] == name] for name in ("clean", *FAULTS)}
     rates: dict[str, Any] = {"clean: alarm": rate([row["found"] for row in of_fault["clean"]])}
     rates["clean: alarm of the labels"] = rate([row["label_alarm"] > np.log(100.0) for row in of_fault["clean"]])
@@ -46,6 +49,8 @@ def summary(simulated: Sequence[Row], real: Sequence[Row]) -> dict[str, Any]:
     checked = [row for row in simulated if "gate_worth" in row]
     rates["clean: gate opens"] = rate([row["gate_worth"] for row in checked if row["fault"] == "clean"])
     rates["faults: gate opens"] = rate([row["gate_worth"] for row in checked if row["fault"] != "clean"])
+    one_visit = of_fault["mislabelled"] + of_fault["shifted"]
+    rates["mislabelled or shifted: found and named"] = rate([row["named"] for row in one_visit])
     for name in dict.fromkeys(row["session"] for row in real):
         own = [row for row in real if row["session"] == name]
         rates[f"{name} as it is: alarm"] = rate([row["found"] for row in own if row["fault"] == "right"])
@@ -59,7 +64,7 @@ def summary(simulated: Sequence[Row], real: Sequence[Row]) -> dict[str, Any]:
 
     seconds = {name: float(np.median([r["seconds"] for r in rows])) for name, rows in of_fault.items() if rows}
     return {
-        "mislabel_found": share("mislabelled: found and named"),
+        "mislabel_found": share("mislabelled or shifted: found and named"),
         "mislabel_false_alarm": share("clean: alarm"),
         "swap_found": share("exchanged: found and named"),
         "shift_found": share("shifted: found and named"),
@@ -82,29 +87,40 @@ def line(row: Row) -> str:
     return f"{right:4} {where} {row['fault']}: {row['truth']} -> {row['said']}{beside} ({row['seconds']:.1f} s)"
 
 
+def measured(sessions: int, seed: int, clean: int, real: Sequence[str], exchanges: int) -> dict[str, Any]:
+    """Every case run and said on stderr; `summary` and all rows.
+
+    Args:
+        sessions: simulated, with every fault, one a seed from `seed` on; `clean` more of the next seeds without any.
+        real: names of configs; `exchanges` of each.
+    """
+    simulated: list[Row] = []
+    for each in range(seed, seed + sessions + clean):
+        for row in simulated_rows(each, only_clean=each >= seed + sessions):
+            simulated.append({"seed": each} | row)
+            print(line(simulated[-1]), file=sys.stderr, flush=True)
+    of_real: list[Row] = []
+    for name in real:
+        for row in real_rows(name, exchanges, seed):
+            of_real.append(row)
+            print(line(row), file=sys.stderr, flush=True)
+    return summary(simulated, of_real) | {"simulated": simulated, "real": of_real}
+
+
 def main(
     as_json: Annotated[bool, typer.Option("--json", help="All rows and rates as JSON on stdout.")] = False,
     sessions: Annotated[int, typer.Option(min=0, help="Simulated sessions, one a seed.")] = 60,
     seed: Annotated[int, typer.Option(min=0, help="The first one's.")] = 2110,
+    clean: Annotated[int, typer.Option(min=0, help="More simulated sessions, of the next seeds, without a fault.")] = 0,
     real: Annotated[str, typer.Option(help="Real sessions, by their configs' names, or none.")] = ",".join(SESSIONS),
     exchanges: Annotated[int, typer.Option(min=0, help="Exchanges by hand of each real session.")] = 10,
 ) -> None:
     """Put faults into sessions and say what was found; the cases go to stderr as they are done."""
     os.environ.setdefault("JAXGEO_DATA", str(ROOT.parent / "shared" / "data"))
     enable_compilation_cache()
-    simulated: list[Row] = []
-    for each in range(seed, seed + sessions):
-        for row in simulated_rows(each):
-            simulated.append({"seed": each} | row)
-            print(line(simulated[-1]), file=sys.stderr, flush=True)
-    of_real: list[Row] = []
-    for name in real.split(",") if real != "none" else []:
-        for row in real_rows(name, exchanges, seed):
-            of_real.append(row)
-            print(line(row), file=sys.stderr, flush=True)
-    found = summary(simulated, of_real)
+    found = measured(sessions, seed, clean, () if real == "none" else tuple(real.split(",")), exchanges)
     if as_json:
-        print(json.dumps(found | {"simulated": simulated, "real": of_real}, indent=2))
+        print(json.dumps(found, indent=2))
         return
     for key, value in found["rates"].items():
         if value is not None:

@@ -45,8 +45,8 @@ STOP = (120, 0.12, 40.0)
 Row = dict[str, Any]
 
 
-def simulated_rows(seed: int) -> Iterator[Row]:
-    """One row a fault."""
+def simulated_rows(seed: int, only_clean: bool = False) -> Iterator[Row]:
+    """One row a fault; with `only_clean` the first alone."""
     made = simulate_session(seed, UAV, drift={"icp": paper_drift(UAV)["icp"]})
     visits = cut_visits(made.sightings, GAP_S)
     site, anchors = site_of(made.survey, ORIGIN_ENH_M), _anchors(made, visits, ORDER)
@@ -56,6 +56,8 @@ def simulated_rows(seed: int) -> Iterator[Row]:
         return session_of(made.trajectories["icp"], labelled, site, SETTINGS, LEARN)
 
     yield _found("clean", asked(anchors), of.right(ORDER))
+    if only_clean:
+        return
     j = int(random.integers(len(ORDER)))
     name = str(random.choice([other for other in LOCATIONS if other != ORDER[j]]))
     told = of.replaced(ORDER, {j: name})
