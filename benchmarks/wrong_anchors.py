@@ -46,6 +46,11 @@ def summary(simulated: Sequence[Row], real: Sequence[Row]) -> dict[str, Any]:
         rates[f"{name}: found and named"] = rate([row["named"] for row in of_fault[name]])
     shifted = of_fault["shifted"]
     rates["shifted: named, or beside"] = rate([row["named"] or row["truth_beside"] for row in shifted])
+    for name, rows in of_fault.items():
+        missed = [row for row in rows if name != "clean" and not row["named"]]
+        rates[f"{name}: not named, but left open or said to be beyond testing"] = rate(
+            [row["truth_open"] or row.get("truth_beside", False) or row.get("untested", 0) > 0 for row in missed]
+        )
     checked = [row for row in simulated if "gate_worth" in row]
     rates["clean: gate opens"] = rate([row["gate_worth"] for row in checked if row["fault"] == "clean"])
     rates["faults: gate opens"] = rate([row["gate_worth"] for row in checked if row["fault"] != "clean"])
@@ -87,16 +92,19 @@ def line(row: Row) -> str:
     return f"{right:4} {where} {row['fault']}: {row['truth']} -> {row['said']}{beside} ({row['seconds']:.1f} s)"
 
 
-def measured(sessions: int, seed: int, clean: int, real: Sequence[str], exchanges: int) -> dict[str, Any]:
+def measured(
+    sessions: int, seed: int, clean: int, real: Sequence[str], exchanges: int, drift: float = 1.0
+) -> dict[str, Any]:
     """Every case run and said on stderr; `summary` and all rows.
 
     Args:
-        sessions: simulated, with every fault, one a seed from `seed` on; `clean` more of the next seeds without any.
+        sessions: simulated, with every fault, one a seed from `seed` on; `clean` more of the next seeds without any;
+            under `drift` times the study's.
         real: names of configs; `exchanges` of each.
     """
     simulated: list[Row] = []
     for each in range(seed, seed + sessions + clean):
-        for row in simulated_rows(each, only_clean=each >= seed + sessions):
+        for row in simulated_rows(each, drift, only_clean=each >= seed + sessions):
             simulated.append({"seed": each} | row)
             print(line(simulated[-1]), file=sys.stderr, flush=True)
     of_real: list[Row] = []
@@ -114,11 +122,12 @@ def main(
     clean: Annotated[int, typer.Option(min=0, help="More simulated sessions, of the next seeds, without a fault.")] = 0,
     real: Annotated[str, typer.Option(help="Real sessions, by their configs' names, or none.")] = ",".join(SESSIONS),
     exchanges: Annotated[int, typer.Option(min=0, help="Exchanges by hand of each real session.")] = 10,
+    drift: Annotated[float, typer.Option(min=0.0, help="The simulated drift, times the study's.")] = 1.0,
 ) -> None:
     """Put faults into sessions and say what was found; the cases go to stderr as they are done."""
     os.environ.setdefault("JAXGEO_DATA", str(ROOT.parent / "shared" / "data"))
     enable_compilation_cache()
-    found = measured(sessions, seed, clean, () if real == "none" else tuple(real.split(",")), exchanges)
+    found = measured(sessions, seed, clean, () if real == "none" else tuple(real.split(",")), exchanges, drift)
     if as_json:
         print(json.dumps(found, indent=2))
         return

@@ -32,7 +32,7 @@ from calibration.faults.predict import predict
 from jaxgeo.associate import cut_visits, make_anchors
 from jaxgeo.data import Anchors, Visit
 from jaxgeo.graph.noise_defaults import default_noise
-from jaxgeo.simulate import UAV, Layout, SimulatedSession, paper_drift, simulate_session
+from jaxgeo.simulate import UAV, Layout, SimulatedSession, paper_drift, scaled, simulate_session
 from jaxgeo.simulate.layout import LOCATIONS, ORDER, ORIGIN_ENH_M
 from jaxgeo.solve.correct import Settings
 
@@ -45,9 +45,10 @@ STOP = (120, 0.12, 40.0)
 Row = dict[str, Any]
 
 
-def simulated_rows(seed: int, only_clean: bool = False) -> Iterator[Row]:
-    """One row a fault; with `only_clean` the first alone."""
-    made = simulate_session(seed, UAV, drift={"icp": paper_drift(UAV)["icp"]})
+def simulated_rows(seed: int, drift: float = 1.0, only_clean: bool = False) -> Iterator[Row]:
+    """One row a fault, under `drift` times the study's; with `only_clean` the first alone."""
+    drifts = {"icp": scaled(paper_drift(UAV)["icp"], drift)}
+    made = simulate_session(seed, UAV, drift=drifts)
     visits = cut_visits(made.sightings, GAP_S)
     site, anchors = site_of(made.survey, ORIGIN_ENH_M), _anchors(made, visits, ORDER)
     random = np.random.default_rng([seed, 11])
@@ -73,7 +74,7 @@ def simulated_rows(seed: int, only_clean: bool = False) -> Iterator[Row]:
     yield _aligned("missed", made, left, site, truth)
     at = int(random.integers(1, len(ORDER)))
     name = str(random.choice([other for other in LOCATIONS if other not in ORDER[at - 1 : at + 1]]))
-    more = simulate_session(seed, _with_stop(at, name), drift={"icp": paper_drift(UAV)["icp"]})
+    more = simulate_session(seed, _with_stop(at, name), drift=drifts)
     truth = of.Hypothesis("extra", (at,), (*ORDER[:at], name, *ORDER[at:]))
     yield _aligned("extra", more, cut_visits(more.sightings, GAP_S), site, truth)
 

@@ -97,18 +97,19 @@ def drift_of(regime: str, layout: Layout) -> dict[str, Drift]:
         return {"icp": ICP_DRIFT, "dense": DENSE_DRIFT}
     if regime not in _SINGLE:
         raise InputError(f"drift {regime!r}: expected one of {', '.join(REGIMES)}.")
-    return {"icp": _SINGLE[regime], "dense": halved(_SINGLE[regime])}
+    return {"icp": _SINGLE[regime], "dense": scaled(_SINGLE[regime], 0.5)}
 
 
-def halved(drift: Drift) -> Drift:
-    """Every size halved: sigmas, biases, scale; not lengths, degrees of freedom or closures."""
+def scaled(drift: Drift, factor: float) -> Drift:
+    """Every size times `factor`: sigmas, biases, scale; not lengths, degrees of freedom or closures."""
     sizes = {
         field.name: value
         for field in dataclasses.fields(drift)
         if field.name.startswith(("sigma_", "bias_", "wander_", "log_scale")) and field.name != "wander_correlation_m"
         for value in [getattr(drift, field.name)]
     }
-    half = {
-        name: tuple(v / 2 for v in value) if isinstance(value, tuple) else value / 2 for name, value in sizes.items()
+    changed = {
+        name: tuple(factor * v for v in value) if isinstance(value, tuple) else factor * value
+        for name, value in sizes.items()
     }
-    return dataclasses.replace(drift, **half)
+    return dataclasses.replace(drift, **changed)

@@ -7,7 +7,7 @@ import pytest
 
 from jaxgeo.errors import InputError
 from jaxgeo.simulate import UAV, UGV, drift_of, paper_drift, raw_revisit_gaps_m, simulate_session
-from jaxgeo.simulate.regimes import REGIMES, halved
+from jaxgeo.simulate.regimes import REGIMES, scaled
 
 # What the study reports between A and its revisit, metres.
 GAP_M = {("UAV", "icp"): 9.42, ("UAV", "dense"): 7.631, ("UGV", "icp"): 101.02, ("UGV", "dense"): 0.129}
@@ -56,7 +56,7 @@ def test_every_regime_makes_icp_and_dense(regime):
 
 def test_half_of_a_drift_is_half_of_every_size():
     drift = dataclasses.replace(drift_of("gauss-markov", UAV)["icp"], log_scale=0.2, student_dof=3.0)
-    half = halved(drift)
+    half = scaled(drift, 0.5)
     assert half.wander_log_scale == drift.wander_log_scale / 2
     assert half.log_scale == 0.1
     assert half.sigma_trans_m_per_sqrt_m == (0.01, 0.01, 0.01)
