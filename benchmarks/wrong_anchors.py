@@ -20,7 +20,7 @@ from benchmarks.wrong_anchors_simulated import Row, simulated_rows
 from jaxgeo.precision import enable_compilation_cache
 
 ROOT = Path(__file__).resolve().parents[1]
-FAULTS = ("mislabelled", "exchanged", "shifted", "missed", "extra")
+FAULTS = ("mislabelled", "exchanged", "shifted", "missed", "extra", "jumped")
 
 
 def rate(hits: Sequence[bool]) -> dict[str, Any] | None:
@@ -44,8 +44,8 @@ def summary(simulated: Sequence[Row], real: Sequence[Row]) -> dict[str, Any]:
     for name in FAULTS:
         rates[f"{name}: found"] = rate([row["found"] for row in of_fault[name]])
         rates[f"{name}: found and named"] = rate([row["named"] for row in of_fault[name]])
-    shifted = of_fault["shifted"]
-    rates["shifted: named, or beside"] = rate([row["named"] or row["truth_beside"] for row in shifted])
+    for name in ("shifted", "jumped"):
+        rates[f"{name}: named, or beside"] = rate([row["named"] or row["truth_beside"] for row in of_fault[name]])
     for name, rows in of_fault.items():
         missed = [row for row in rows if name != "clean" and not row["named"]]
         rates[f"{name}: not named, but left open or said to be beyond testing"] = rate(

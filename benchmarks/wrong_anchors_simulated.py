@@ -1,10 +1,11 @@
 """Faults put into simulated sessions of the reference study's UAV-like drift, and what was said of each.
 
-The noise is learned from the very session that holds the fault. One session a seed, six faults of it:
+The noise is learned from the very session that holds the fault. One session a seed, seven cases of it:
 
     clean, mislabelled (one of seven visits at another location), exchanged (two visits' labels), shifted (one visit's
     survey, by exactly `SHIFT_SDS` standard deviations of its own leave-one-out prediction along a random direction),
-    missed (six visits for seven names), extra (eight for seven, a stop anywhere)
+    missed (six visits for seven names), extra (eight for seven, a stop anywhere), jumped (no anchor is wrong: the
+    odometry is off by as much as the shift, from the middle between two visits on)
 """
 
 import dataclasses
@@ -13,6 +14,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float, Int
 
 from calibration.calibrate import LearnSettings
 from calibration.faults import (
@@ -30,7 +32,7 @@ from calibration.faults import (
 from calibration.faults import hypotheses as of
 from calibration.faults.predict import predict
 from jaxgeo.associate import cut_visits, make_anchors
-from jaxgeo.data import Anchors, Visit
+from jaxgeo.data import Anchors, Trajectory, Visit
 from jaxgeo.graph.noise_defaults import default_noise
 from jaxgeo.simulate import UAV, Layout, SimulatedSession, paper_drift, scaled, simulate_session
 from jaxgeo.simulate.layout import LOCATIONS, ORDER, ORIGIN_ENH_M
@@ -67,7 +69,8 @@ def simulated_rows(seed: int, drift: float = 1.0, only_clean: bool = False) -> I
     pair = pairs[int(random.integers(len(pairs)))]
     session = asked(relabelled(anchors, pair.places, site))
     yield _found("exchanged", session, of.Hypothesis("exchanged", pair.visits, ORDER))
-    yield _shifted(asked(anchors), random)
+    shifted, shift_m = _shifted(asked(anchors), random)
+    yield shifted
     missed = int(random.integers(len(ORDER)))
     left = [visit for i, visit in enumerate(visits) if i != missed]
     truth = of.Hypothesis("missed", (missed,), tuple(n for i, n in enumerate(ORDER) if i != missed))
@@ -77,9 +80,19 @@ def simulated_rows(seed: int, drift: float = 1.0, only_clean: bool = False) -> I
     more = simulate_session(seed, _with_stop(at, name), drift=drifts)
     truth = of.Hypothesis("extra", (at,), (*ORDER[:at], name, *ORDER[at:]))
     yield _aligned("extra", more, cut_visits(more.sightings, GAP_S), site, truth)
+    after = int(random.integers(len(ORDER) - 1))
+    jumped = _jumped(made.trajectories["icp"], anchors.pose_index[after : after + 2], shift_m)
+    session = session_of(jumped, anchors, site, SETTINGS, LEARN)
+    yield _found("jumped", session, of.jumps(ORDER)[after])
 
 
-def _shifted(session: Session, random: np.random.Generator) -> Row:
+def _jumped(trajectory: Trajectory, between: Int[np.ndarray, "2"], jump_m: Float[np.ndarray, "3"]) -> Trajectory:
+    position_m = trajectory.position_m.copy()
+    position_m[int(between.mean()) :] += jump_m
+    return dataclasses.replace(trajectory, position_m=position_m)
+
+
+def _shifted(session: Session, random: np.random.Generator) -> tuple[Row, Float[np.ndarray, "3"]]:
     j, along = int(random.integers(len(ORDER))), random.standard_normal(3)
     along /= np.linalg.norm(along)
     shift_m = SHIFT_SDS * np.sqrt(along @ predict(session, [j]).covariance_m2[j] @ along) * along
@@ -88,7 +101,7 @@ def _shifted(session: Session, random: np.random.Generator) -> Row:
     anchors = dataclasses.replace(session.anchors, surveyed_enh_m=moved)
     table = dataclasses.replace(session.table, surveyed_m=session.table.surveyed_m.at[j].add(shift_m))
     row = _found("shifted", dataclasses.replace(session, anchors=anchors, table=table), of.shifted(ORDER)[j])
-    return row | {"shift_m": float(np.linalg.norm(shift_m))}
+    return row | {"shift_m": float(np.linalg.norm(shift_m))}, shift_m
 
 
 def _found(fault: str, session: Session, truth: of.Hypothesis) -> Row:

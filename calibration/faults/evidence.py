@@ -22,6 +22,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from calibration.faults.session import Session
+from calibration.fit import ModelFit
 from calibration.learn import FamilyPriorArrays, Learned, LearnOptions, learn_fold
 from jaxgeo.graph.anchor_table import AnchorTable
 from jaxgeo.graph.chain import Chain
@@ -33,7 +34,7 @@ from jaxgeo.solve.gauge import determined, gauge_covariance
 # Hypotheses a call: one compiled program serves any number of them.
 BATCH = 4
 # Not read: sessions are weighed without a robust loss.
-_LOSS_WIDTH = 3.0
+LOSS_WIDTH = 3.0
 
 
 class Labels(eqx.Module):
@@ -97,7 +98,7 @@ def _evidence_of(
             table,
             (own.surveyed_m, own.shared_m2, own.location),
         )
-        found = learn_fold(chain, told, prior, own.use, jnp.asarray(_LOSS_WIDTH), options)
+        found = learn_fold(chain, told, prior, own.use, jnp.asarray(LOSS_WIDTH), options)
         observed, state = found.fold.observed, found.fold.state
         system = anchor_system(state, chain_linearised(state, observed.graph), observed)
         anchors = observed.graph.anchors
@@ -124,9 +125,14 @@ def _log_marginal(found: Learned, system: AnchorSystem) -> Float[Array, ""]:
     diagonal = jnp.diagonal(observed.graph.anchors.sqrt_information, axis1=-2, axis2=-1)
     log_det_w = jnp.sum(jnp.where(used, jnp.log(jnp.where(used, diagonal, 1.0)), 0.0))
     constant = log_det_w - 0.5 * jnp.linalg.slogdet(x.T @ x)[1] - 0.5 * found.found.count * jnp.log(2.0 * jnp.pi)
-    by_model = jnp.where(found.fit.converged, found.fit.log_evidence, -jnp.inf)
+    return log_mean_evidence(found.fit) + constant
+
+
+def log_mean_evidence(fit: ModelFit) -> Float[Array, ""]:
+    """Of the contrasts over all models, every model as likely before; -inf where none was found."""
+    by_model = jnp.where(fit.converged, fit.log_evidence, -jnp.inf)
     by_model = jnp.where(jnp.isnan(by_model), -jnp.inf, by_model)
-    return jax.scipy.special.logsumexp(by_model) - jnp.log(by_model.shape[0]) + constant
+    return jax.scipy.special.logsumexp(by_model) - jnp.log(by_model.shape[0])
 
 
 def _tail(found: Learned, system: AnchorSystem, table: AnchorTable) -> Float[Array, "k"]:

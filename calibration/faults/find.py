@@ -12,6 +12,7 @@ import numpy as np
 from calibration.faults import hypotheses as of
 from calibration.faults.finding import ALARM, Finding
 from calibration.faults.hypotheses import FREE, Hypothesis
+from calibration.faults.jump import jump_log_bayes
 from calibration.faults.predict import Predicted, predict, smallest_shift_m, testable
 from calibration.faults.screen import screen
 from calibration.faults.session import Session, relabelled, with_anchors
@@ -64,6 +65,8 @@ def _find(session: Session, ordered: bool) -> Finding:
         log_bayes[of.shifted(told)[j]] = rest + log_shift_density(predicted.error_m[j], predicted.covariance_m2[j])
     for w in weigh(session, _locations_worth(told, predicted)):
         log_bayes[w.hypothesis] = w.log_evidence - first.log_evidence
+    jumps = _jumps_worth(session, predicted) if alarm <= -np.log(ALARM) else []
+    log_bayes |= dict(zip(jumps, jump_log_bayes(session, jumps), strict=True))
     posterior = {h: prior[h.kind] + value for h, value in log_bayes.items() if h.kind != "right"}
     return _decided(session, log_bayes, posterior, alarm, predicted)
 
@@ -71,7 +74,7 @@ def _find(session: Session, ordered: bool) -> Finding:
 def log_prior(kinds: dict[str, list[Hypothesis]], visits: int) -> dict[str, float]:
     """Of one hypothesis of a kind, given a fault: kinds are equally likely, shifts one of them, and so are members."""
     counts = {kind: max(len(members), 1) for kind, members in kinds.items()}
-    counts |= {"shifted": visits, "shifted location": visits}
+    counts |= {"shifted": visits, "shifted location": visits, "jump": visits}
     return {kind: -float(np.log(count * (len(kinds) + 1))) for kind, count in counts.items()}
 
 
@@ -108,6 +111,13 @@ def _locations_worth(told: Sequence[str], predicted: Predicted) -> list[Hypothes
     return [
         h for h in of.shifted_locations(told) if np.nanmin(predicted.tail[list(h.visits)], initial=1.0) < WORTH_TAIL
     ]
+
+
+def _jumps_worth(session: Session, predicted: Predicted) -> list[Hypothesis]:
+    """Jumps on either side of every visit whose position raises the alarm; none between visits at one pose."""
+    off = np.flatnonzero(testable(session, predicted) & (predicted.tail < ALARM / len(session.told)))
+    apart = np.diff(session.anchors.pose_index) > 0
+    return [h for h, between in zip(of.jumps(session.told), apart, strict=True) if between and set(h.visits) & set(off)]
 
 
 def _decided(

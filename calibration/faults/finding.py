@@ -67,6 +67,8 @@ def fault_words(h: Hypothesis, told: Sequence[str]) -> str:
             return f"visit {named[0]} is not where it was surveyed"
         case "shifted location":
             return f"location {told[h.visits[0]]} is not where it was surveyed, on any of its visits"
+        case "jump":
+            return f"the odometry jumps between the visits {named[0]} and {named[1]}"
         case "exchanged":
             one, other = dict.fromkeys(told[i] for i in h.visits)
             at = f"the visits {', '.join(named[:-1])} and {named[-1]} are exchanged"
@@ -100,6 +102,8 @@ def finding_sentences(found: Finding) -> Iterator[str]:
             off_m = float(np.linalg.norm(found.error_m[j]))
             by = f"{off_m:.2f} m from where the others predict it, probability {found.tail[j]:.1g}; {by}"
         yield f"Found: {fault_words(found.named, told)} ({by})."
+    if found.named.kind == "jump":
+        yield "That is no fault of an anchor: their labels and positions fit on either side of it."
     for h in found.beside:
         yield f"It cannot be told from: {fault_words(h, told)} (Bayes factor {bayes_words(found.log_bayes[h])})."
     for h in found.open:

@@ -3,7 +3,7 @@
 A hypothesis gives every visit a place: the name of a surveyed location, or FREE where its position is open. One visit
 may be at another location (mislabelled), or off by an unknown shift (of the survey, or the marker was moved); two
 visits, or two locations' coordinates, may be exchanged; in a visiting order a place may have been missed and another
-visit be extra, so that the labels between slip by one.
+visit be extra, so that the labels between slip by one. Where all labels are right, the odometry may have jumped.
 """
 
 import dataclasses
@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from typing import Literal
 
 FREE = ""
-Kind = Literal["right", "mislabelled", "exchanged", "slipped", "shifted", "shifted location", "missed", "extra"]
+Kind = Literal["right", "mislabelled", "exchanged", "slipped", "shifted", "shifted location", "jump", "missed", "extra"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -21,7 +21,7 @@ class Hypothesis:
 
     Attributes:
         kind: `missed` and `extra` are of a number of visits that is not the order's: place, or visit, `visits[0]`.
-        visits: the visits that are wrong, from 0; empty for `right`.
+        visits: the visits that are wrong, from 0; empty for `right`; of a jump the two that it lies between.
         places: location of every visit; FREE where it is none of the survey's, or off by an unknown shift.
     """
 
@@ -32,7 +32,7 @@ class Hypothesis:
     @property
     def of_labels(self) -> bool:
         """Whether names are wrong, not a position."""
-        return self.kind not in ("right", "shifted", "shifted location")
+        return self.kind not in ("right", "shifted", "shifted location", "jump")
 
 
 def right(told: Sequence[str]) -> Hypothesis:
@@ -58,6 +58,11 @@ def shifted_locations(told: Sequence[str]) -> list[Hypothesis]:
     """Each location with several visits, its survey off by one shift for all of them."""
     of_name = {name: tuple(j for j, other in enumerate(told) if other == name) for name in dict.fromkeys(told)}
     return [Hypothesis("shifted location", visits, tuple(told)) for visits in of_name.values() if len(visits) > 1]
+
+
+def jumps(told: Sequence[str]) -> list[Hypothesis]:
+    """The odometry jumps between two visits: entry j is between j and j + 1."""
+    return [Hypothesis("jump", (j, j + 1), tuple(told)) for j in range(len(told) - 1)]
 
 
 def exchanged(told: Sequence[str]) -> list[Hypothesis]:

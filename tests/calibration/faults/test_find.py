@@ -16,6 +16,7 @@ from calibration.faults.evidence import chi_square_3_tail
 from calibration.faults.find import named_by_position
 from calibration.faults.finding import ALARM
 from calibration.faults.gate import leave_one_out_tails
+from calibration.faults.jump import jump_log_bayes
 from calibration.faults.predict import predict, smallest_shift_m
 from calibration.faults.small_system import WORTHLESS, small_system
 from jaxgeo.errors import UndeterminedError
@@ -90,6 +91,30 @@ def test_a_shift_is_named_and_measured(made, site):
     assert gate(session, ordered=True).worth
 
 
+def jumped(made, site, after):
+    """Every pose from the middle between two visits on is moved by 2 m."""
+    position = made.trajectory.position_m.copy()
+    position[(POSES[after] + POSES[after + 1]) // 2 :] += [1.5, -1.0, 0.8]
+    trajectory = dataclasses.replace(made.trajectory, position_m=position)
+    return session_of(trajectory, made.anchors, site, SETTINGS, LEARN)
+
+
+def test_a_jump_of_the_odometry_is_told_from_a_shifted_visit(made, site, sound):
+    found = find_fault(jumped(made, site, 2), ordered=True)
+    assert (found.named.kind, found.named.visits) == ("jump", (2, 3))
+    assert found.log_bayes[found.named] > np.log(1e4)
+    assert "no fault of an anchor" in " ".join(finding_sentences(found))
+    # Nothing of the kind in the session without it.
+    assert max(jump_log_bayes(sound[0], of.jumps(TOLD))) < 1.0
+    assert jump_log_bayes(sound[0], []) == []
+
+
+def test_a_jump_before_the_last_visit_cannot_be_told_from_its_shift(made, site):
+    found = find_fault(jumped(made, site, 5), ordered=True)
+    assert (found.named.kind, found.named.visits) == ("shifted", (6,))
+    assert of.jumps(TOLD)[5] in found.beside
+
+
 @pytest.mark.parametrize(
     ("others", "named"),
     [
@@ -98,6 +123,8 @@ def test_a_shift_is_named_and_measured(made, site):
         ({of.shifted(TOLD)[2]: 9.0}, "shifted"),
         ({of.shifted_locations(TOLD)[0]: 2.0}, "shifted"),
         ({of.shifted_locations(TOLD)[0]: 4.0}, "shifted location"),
+        ({of.jumps(TOLD)[2]: 2.0}, "shifted"),
+        ({of.jumps(TOLD)[2]: 4.0}, "jump"),
         ({of.shifted_locations(TOLD)[0]: 4.0, of.exchanged(TOLD)[0]: 5.0}, "exchanged"),
     ],
 )

@@ -84,6 +84,7 @@ def test_alignments_are_by_one_visit():
         (Hypothesis("mislabelled", (2,), ("A", "B", "E", "D", "E", "F", "A")), "visit 3 (C) is at E"),
         (of.shifted(TOLD)[3], "visit 4 (D) is not where it was surveyed"),
         (of.shifted_locations(TOLD)[0], "location A is not where it was surveyed"),
+        (of.jumps(TOLD)[5], "the odometry jumps between the visits 6 (F) and 7 (A)"),
         (of.exchanged(TOLD)[0], "the visits 1 (A) and 2 (B) are exchanged"),
         (of.exchanged(TOLD)[-1], "the visits 1 (A), 6 (F) and 7 (A) are exchanged: A with F"),
         (Hypothesis("missed", (2,), ("A", "B", "D", "E", "F", "A")), "place 3 of the order (C) was missed"),
