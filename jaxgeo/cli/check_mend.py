@@ -24,7 +24,7 @@ def mend_sentences(
         visits: all labelled visits, in order of their start.
         anchors: those that the hypothesis is about, in its order.
     """
-    if named.kind == "right":
+    if named.kind in ("right", "jump"):
         return []
     if named.kind == "shifted location":
         return [_without(config, anchors.location[named.visits[0]])]
