@@ -8,7 +8,7 @@ import pytest
 from eval_.small_problem import LEARN, SETTINGS, SHIFT_M, problem, shifted, three_on_a_line
 
 from calibration.calibrate import learn_options
-from calibration.learn import learn_folds, prior_arrays
+from calibration.learn import learn_fold, prior_arrays
 from eval.placement.scored import _filled, corrected_with, marker_error_m, of_locations
 from jaxgeo.graph.anchor_table import anchor_table
 from jaxgeo.graph.chain import chain_of
@@ -31,9 +31,9 @@ def test_a_choice_is_corrected_by_its_visits_alone(session):
     assert found.determined
     # The fold of the same anchors, all in one table, predicts the markers that it leaves out.
     chain = chain_of(trajectory)
-    use = np.ones((8, 8))
-    use[1, : len(anchors)] = CHOICE[anchors.location_index]
-    folds, _ = learn_folds(
+    use = np.zeros(8)
+    use[: len(anchors)] = CHOICE[anchors.location_index]
+    learned = learn_fold(
         chain,
         anchor_table(anchors, chain),
         prior_arrays(LEARN.family),
@@ -41,7 +41,7 @@ def test_a_choice_is_corrected_by_its_visits_alone(session):
         jnp.asarray(SETTINGS.loss_width),
         learn_options(SETTINGS, LEARN),
     )
-    predicted = np.linalg.norm(np.asarray(folds.fold.point_m)[1, :7] - anchors.surveyed_enh_m, axis=1)
+    predicted = np.linalg.norm(np.asarray(learned.fold.point_m)[:7] - anchors.surveyed_enh_m, axis=1)
     np.testing.assert_allclose(marker_error_m(found.corrected, anchors), predicted, atol=5e-3)
     # Nothing of what was left out is read.
     moved = chosen(trajectory, shifted(anchors, "B"), CHOICE)[0]
