@@ -18,6 +18,8 @@ ROWS = [
     row("shifted", found=True, named=True),
     row("shifted", found=True, named=True),
     row("exchanged", found=False, named=False),
+    row("jumped", found=False, named=False),
+    row("jumped", found=True, named=False),
 ]
 
 
@@ -29,6 +31,8 @@ def test_a_fault_counts_only_where_it_is_named_and_a_clean_session_where_anythin
     assert found["mislabel_false_alarm"] == 0.25
     assert found["rates"]["mislabelled: found and named"]["hits"] == 1
     assert found["rates"]["missed: found"] is None
+    # The odometry's fault: to name nothing is right, to blame an anchor is not.
+    assert found["rates"]["jumped: an anchor blamed alone"]["hits"] == 1
 
 
 def test_intervals_are_clopper_and_pearsons():
@@ -47,6 +51,9 @@ def test_a_false_alarm_is_printed_as_what_it_is():
     assert line(ROWS[1]).startswith("ok")
     assert line(ROWS[4]).startswith("ok")
     assert line(ROWS[5]).startswith("NOT")
+    assert line(ROWS[9]).startswith("ok")
+    assert line(ROWS[10]).startswith("NOT")
+    assert line(ROWS[10] | {"truth_beside": True}).startswith("open")
 
 
 def test_a_part_that_was_not_run_has_no_figure():
