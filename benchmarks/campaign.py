@@ -2,14 +2,16 @@
 
 One worker of two is killed (SIGKILL) half-way. All rows have to be there, none twice; throughput, with starting and
 killing in it, is compared with a plain loop over some of the sessions in one warm process, half of it before the
-campaign and half after. Processor time a session is given beside it: where others use the machine too, the processes
-of one terminal may share one share of its cores, and it says what Dask and starting cost. `--pool` measures instead
-what noise pooled over the other sessions gains.
+campaign and half after. Both may use the same cores: the loop's XLA takes all of them for each program, every worker
+of the campaign one. Processor time a session is given beside it: where others use the machine too, the processes of
+one terminal may share one share of its cores, and it says what Dask and starting cost. `--pool` measures instead what
+noise pooled over the other sessions gains.
 """
 
 import json
 import os
 import signal
+import statistics
 import tempfile
 import threading
 import time
@@ -100,8 +102,12 @@ def measure(n: int, workers: int, loop: int, folder: Path) -> dict[str, Any]:
         "campaign_speedup": campaign_per_s / loop_per_s,
         "loop_cpu_s_per_session": loop_cpu_s,
         "campaign_cpu_s_per_session": campaign_cpu_s / n,
+        "loop_median_s": statistics.median(row.seconds for row in looped.values()),
+        "campaign_median_s": statistics.median(row["seconds_s"] for row in table),
+        # The rest of the workers' time: starting, being killed, waiting for the last session, ending.
+        "campaign_in_sessions": sum(row["seconds_s"] for row in table) / (workers * campaign_s),
         "apart_m": apart_m,
-        "cores": os.cpu_count(),
+        "cores": len(os.sched_getaffinity(0)),
         "load_average": [load_start, load_end],
     }
 

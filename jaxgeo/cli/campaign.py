@@ -12,7 +12,7 @@ from jaxgeo.cli.campaign_cluster import campaign_client, need_dask
 from jaxgeo.cli.campaign_columns import columns, table_rows
 from jaxgeo.cli.campaign_parquet import need_pyarrow, write_parquet
 from jaxgeo.cli.campaign_pass import CampaignAsked, first_tasks, rows_of, run_pass
-from jaxgeo.cli.campaign_rows import ROWS
+from jaxgeo.cli.campaign_rows import ROWS, remove_torn
 from jaxgeo.cli.campaign_sessions import campaign_sessions, config_paths
 from jaxgeo.cli.campaign_summary import pool_summary, summary
 from jaxgeo.cli.campaign_task import library_versions
@@ -43,6 +43,7 @@ def run_campaign(asked: CampaignAsked) -> int:
     versions = library_versions()
     sessions = campaign_sessions(paths, asked.overrides, versions, out)
     (out / ROWS).mkdir(parents=True, exist_ok=True)
+    remove_torn(out)
     _say(said)
     with _Cluster(asked) as cluster, Progress(asked.quiet) as progress:
         tasks = first_tasks(asked, sessions, out, versions)
@@ -53,6 +54,7 @@ def run_campaign(asked: CampaignAsked) -> int:
             from jaxgeo.cli.campaign_second_pass import second_pass
 
             pooled, platforms = second_pass(asked, sessions, rows, tasks, out, cluster.client, progress)
+    remove_torn(out)
     table = table_rows(sessions, rows, pooled)
     found = summary(table, versions, time.perf_counter() - started, computed)
     if pooled is not None:

@@ -1,5 +1,6 @@
 """One pass of a campaign: what was asked, a task for each session, and their rows."""
 
+import contextlib
 import dataclasses
 import sys
 import uuid
@@ -12,6 +13,7 @@ from jaxgeo.cli.campaign_rows import ROWS, SessionRow, forget_row, read_row
 from jaxgeo.cli.campaign_sessions import CampaignSession
 from jaxgeo.cli.campaign_task import Task, finished
 from jaxgeo.cli.progress import Progress
+from jaxgeo.config.inputs import TrajectoryInput
 from jaxgeo.errors import InputError
 
 if TYPE_CHECKING:
@@ -61,7 +63,7 @@ def first_tasks(
 
 
 def run_pass(tasks: Sequence[Task], client: "Callable[[], Client]", progress: Progress, what: str, fresh: bool) -> int:
-    """Run the tasks that have no row yet; how many those were.
+    """Run the tasks that have no row yet, the longest first; how many those were.
 
     Raises:
         InputError: rows cannot be written, or the cluster failed; what was done stays done.
@@ -77,12 +79,30 @@ def run_pass(tasks: Sequence[Task], client: "Callable[[], Client]", progress: Pr
         return 0
     try:
         with progress.count(what, len(tasks), there) as bar:
-            run_tasks(client(), missing, lambda *_: bar.done())
+            run_tasks(client(), longest_first(missing), lambda *_: bar.done())
     except BaseException:
         done = sum(finished(task) is not None for task in tasks)
         print(f"stopped: {done} of {len(tasks)} {what} are done; the same command goes on from there", file=sys.stderr)
         raise
     return len(missing)
+
+
+def longest_first(tasks: Sequence[Task]) -> list[Task]:
+    """By the size of their trajectories' files; those of one size in the order given.
+
+    A worker loads compiled programs for every new number of poses, for seconds, and lets those of before go when they
+    fill its memory: sessions alike have to follow each other. And no long one should begin when all others are done.
+    """
+    return sorted(tasks, key=_trajectory_bytes, reverse=True)
+
+
+def _trajectory_bytes(task: Task) -> int:
+    """Of a trajectory that is still to be computed nothing is known, nor of a file that cannot be read."""
+    total = 0
+    for source in task.config.trajectories.values() if task.config is not None else ():
+        with contextlib.suppress(OSError):
+            total += source.file.stat().st_size if isinstance(source, TrajectoryInput) else 0
+    return total
 
 
 def rows_of(tasks: Sequence[Task]) -> list[SessionRow]:

@@ -1,7 +1,9 @@
 """A campaign's folder: one file a finished session, under its key; whole or not there, so that none counts twice."""
 
+import contextlib
 import dataclasses
 import json
+import time
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
@@ -13,6 +15,8 @@ ROWS, SESSIONS = "rows", "sessions"
 Status = Literal["ok", "failed", "timeout", "lost"]
 # What the session itself gave stands; a worker that died, or a time limit, may be another's fault the next time.
 FINAL: tuple[Status, ...] = ("ok", "failed")
+# A row is a few kilobytes: nobody writes at one for longer.
+WRITTEN_WITHIN_S = 5.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -67,6 +71,15 @@ def write_row(folder: Path, row: SessionRow) -> None:
 def forget_row(folder: Path, key: str) -> None:
     """Remove the row, if there is one: the session is to be computed anew."""
     _row_path(folder, key).unlink(missing_ok=True)
+
+
+def remove_torn(folder: Path) -> None:
+    """Remove what killed workers left of rows; what may be written at this moment stays, and what cannot be removed."""
+    before_s = time.time() - WRITTEN_WITHIN_S
+    for path in (folder / ROWS).glob(".*.tmp.*"):
+        with contextlib.suppress(OSError):
+            if path.stat().st_mtime < before_s:
+                path.unlink()
 
 
 def begin_attempt(folder: Path, key: str, run: str) -> int:

@@ -115,6 +115,36 @@ def test_only_what_changed_is_computed_anew(folder, tmp_path, monkeypatch):
     assert len(table(tmp_path)) == 2
 
 
+def test_the_longest_begin_and_those_of_one_length_follow_each_other(folder, tmp_path, monkeypatch):
+    names = ("one", "long", "other", "longer")
+    paths = [write_session(tmp_path / name, name) for name in names]
+    for name, times in (("long", 2), ("longer", 3)):
+        track = tmp_path / name / "icp.tum"
+        track.write_text(track.read_text() * times)  # its stamps go back: both are refused, and that at once
+    config = paths[2].with_name("lost.yaml")
+    config.write_text(paths[2].read_text().replace("name: other", "name: lost").replace("icp.tum", "nowhere.tum"))
+    ran = run_here(monkeypatch)
+    given = [folder / "b" / "refused.yaml", config, *paths]
+    assert run_campaign(asked(tmp_path / "out", *given)) == 2
+    assert [task.folder for task in ran] == ["longer", "long", "one", "other", "refused", "lost"]
+    assert [row["folder"] for row in table(tmp_path / "out")] == ["refused", "lost", *names]
+
+
+def test_what_a_killed_worker_left_of_rows_is_removed(folder, tmp_path, monkeypatch):
+    run_here(monkeypatch)
+    rows = tmp_path / ROWS
+    rows.mkdir()
+    torn, attempts, new = (rows / name for name in (".a1b2.x_0z.tmp.json", ".a1b2.y_1z.tmp.attempts", ".c.z.tmp.json"))
+    other = rows / ".nfs0001"  # not ours
+    for path in (torn, attempts, new, other):
+        path.write_text("{")
+    for path in (torn, attempts, other):
+        os.utime(path, (1.0, 1.0))
+    assert run_campaign(asked(tmp_path, folder / "b" / "refused.yaml")) == 2
+    assert len(list(rows.iterdir())) == 3
+    assert {new.name, other.name} < set(os.listdir(rows))
+
+
 def test_kept_outputs_are_those_of_a_run(folder, tmp_path, monkeypatch):
     ran = run_here(monkeypatch)
     config = folder / "a" / "poses.yaml"
@@ -179,13 +209,18 @@ def test_a_worker_with_other_versions_is_refused(folder, tmp_path):
     assert read_row(tmp_path, task.key) is None
 
 
-def test_a_worker_that_ends_costs_only_the_session_it_was_at(folder, tmp_path):
+def test_a_worker_that_ends_costs_only_the_session_it_was_at(folder, tmp_path, monkeypatch):
     """Two real worker processes' lives: the first is ended by the time limit, the next one does the rest."""
     late = tasks_of(tmp_path, folder / "a" / "poses.yaml", limit_s=1e-3)
     other = tasks_of(tmp_path, folder / "b" / "refused.yaml")
     came = []
+    for name in ("NPROC", "MALLOC_TRIM_THRESHOLD_"):
+        monkeypatch.delenv(name, raising=False)
     with campaign_client(1, None) as client:
         run_tasks(client, [*late, *other], lambda task, status: came.append((task.key, status)))
+        # Also of the second: XLA with one thread, and memory that is kept for the next session.
+        environment = [client.submit(os.getenv, name).result() for name in ("NPROC", "MALLOC_TRIM_THRESHOLD_")]
+    assert environment == ["1", None]
     assert sorted(came) == sorted([(late[0].key, "timeout"), (other[0].key, "failed")])
     found = read_row(tmp_path, late[0].key)
     assert found is not None
