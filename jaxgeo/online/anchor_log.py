@@ -12,6 +12,12 @@ from jaxgeo.data import Anchors, Survey, Trajectory, Visit
 from jaxgeo.errors import SightingError
 from jaxgeo.online.visit_log import VisitLog
 
+# One anchor's row of every column of `Anchors` that does not name its visit or location.
+COLUMNS = tuple(
+    field.name for field in dataclasses.fields(Anchors) if field.name not in ("label", "location", "location_index")
+)
+Row = dict[str, np.ndarray]
+
 
 @dataclasses.dataclass(frozen=True)
 class Labels:
@@ -63,7 +69,7 @@ class AnchorLog:
         labels.check(survey)
         self._survey, self._origin_enh_m = survey, np.asarray(origin_enh_m, dtype=np.float64)
         self._labels, self._rule = labels, rule
-        self._made: dict[tuple[str, bytes], Anchors] = {}
+        self._made: dict[tuple[str, bytes], Row] = {}
         self.outside = 0
         self.said: tuple[str, ...] = ()
 
@@ -73,19 +79,21 @@ class AnchorLog:
         Raises:
             SightingError: more visits than the order names.
         """
-        labelled = self._labelled(visits)
-        made: dict[tuple[str, bytes], Anchors] = {}
+        made: dict[tuple[str, bytes], Row] = {}
         kept: list[Visit] = []
         outside = 0
-        for visit in labelled:
-            stamp_s = log.stamp_s(visit.sightings)
-            inside = (stamp_s >= trajectory.stamp_s[0]) & (stamp_s <= trajectory.stamp_s[-1])
-            outside += int(np.count_nonzero(~inside))
-            if not inside.any():
-                continue
-            key = (visit.location, visit.sightings[inside].tobytes())
-            made[key] = self._made[key] if key in self._made else self._make(visit, inside, log, trajectory)
-            kept.append(dataclasses.replace(visit, sightings=visit.sightings[inside]))
+        first_s, last_s = trajectory.stamp_s[0], trajectory.stamp_s[-1]
+        for visit in self._labelled(visits):
+            rows = visit.sightings
+            if visit.start_s < first_s or visit.end_s > last_s:
+                stamp_s = log.stamp_s(rows)
+                rows = rows[(stamp_s >= first_s) & (stamp_s <= last_s)]
+                outside += visit.count - len(rows)
+                if len(rows) == 0:
+                    continue
+            key = (visit.location, rows.tobytes())
+            made[key] = self._made[key] if key in self._made else self._make(visit, rows, log, trajectory)
+            kept.append(visit)
         self._made, self.outside = made, outside
         return _together(kept, list(made.values())) if made else None
 
@@ -102,31 +110,25 @@ class AnchorLog:
         )
         return labelled
 
-    def _make(self, visit: Visit, inside: np.ndarray, log: VisitLog, trajectory: Trajectory) -> Anchors:
-        rows = visit.sightings[inside]
+    def _make(self, visit: Visit, rows: Int[np.ndarray, "m"], log: VisitLog, trajectory: Trajectory) -> Row:
         one = dataclasses.replace(visit, sightings=np.arange(len(rows)))
         anchors, said = make_anchors(
             trajectory, log.sightings(rows), [one], self._survey, origin_enh_m=self._origin_enh_m, rule=self._rule
         )
         self.said = (*self.said, *said)
-        return anchors
+        return {name: getattr(anchors, name) for name in COLUMNS}
 
 
-def _together(visits: Sequence[Visit], single: Sequence[Anchors]) -> Anchors:
+def _together(visits: Sequence[Visit], single: Sequence[Row]) -> Anchors:
     """Anchors of single visits, given in the order of their visits, as one table sorted along the trajectory."""
-    order = np.argsort([anchors.pose_index[0] for anchors in single], kind="stable")
-    first_visit = list(dict.fromkeys(visit.location for visit in visits))
+    order = np.argsort([row["pose_index"][0] for row in single], kind="stable")
+    first_visit = {name: i for i, name in enumerate(dict.fromkeys(visit.location for visit in visits))}
     location = tuple(visits[i].location for i in order)
-    columns = {
-        field.name: np.concatenate([getattr(single[i], field.name) for i in order])
-        for field in dataclasses.fields(Anchors)
-        if field.name not in ("label", "location", "location_index")
-    }
     return Anchors(
         label=tuple(visits[i].label for i in order),
         location=location,
-        location_index=np.array([first_visit.index(name) for name in location]),
-        **columns,
+        location_index=np.array([first_visit[name] for name in location]),
+        **{name: np.concatenate([single[i][name] for i in order]) for name in COLUMNS},
     )
 
 

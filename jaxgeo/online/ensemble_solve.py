@@ -1,20 +1,18 @@
-"""The solve under a noise ensemble, on arrays of fixed size, from where the last one ended."""
+"""The batch job's own problem under a noise ensemble, on arrays of fixed size, from where the last solve ended."""
 
 import functools
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float
 
 from jaxgeo.graph import components as noise
-from jaxgeo.graph.anchor_table import AnchorTable
-from jaxgeo.graph.chain import Chain
 from jaxgeo.graph.components import NoiseEnsemble
 from jaxgeo.online import joint
 from jaxgeo.online.frame_known import FrameKnown, frame_known
 from jaxgeo.online.joint import N_ERRORS, LastPose, at_pose, conditioned
-from jaxgeo.online.warm_start import LastSolution, carried_on
+from jaxgeo.online.warm_start import Given, LastSolution, carried_on, chain_of_given
 from jaxgeo.solve.anchor_system import AnchorSystem, Observed, State
 from jaxgeo.solve.drift import BLOCKS, Drift, block_correlation, covariance_between, own_covariance
 from jaxgeo.solve.ensemble import SetSolution
@@ -22,46 +20,31 @@ from jaxgeo.solve.ensemble_fold import MAX_ROUNDS, SETTLED_M, EnsembleFold, fold
 from jaxgeo.solve.fold import FoldOptions
 
 
-class EnsembleFramed(eqx.Module):
-    """The graph of the anchors so far at its coarse fit, about `origin_m`; and whether they fix the frame."""
-
-    observed: Observed
-    origin_m: Float[Array, "3"]
-    known: FrameKnown
-
-
 class EnsembleSolved(eqx.Module):
-    """A solution, its last pose, and what the next solve starts from."""
+    """Whether the anchors fix the frame; a solution, its last pose, and what the next solve starts from."""
 
-    state: State
-    sets: SetSolution
-    rounds: Int[Array, ""]
+    known: FrameKnown
+    fold: EnsembleFold
     moved_m: Float[Array, ""]
-    settled: Bool[Array, ""]
     last_pose: LastPose
     last: LastSolution
 
 
 @functools.partial(jax.jit, static_argnames="options")
-def ensemble_framed(
-    chain: Chain, table: AnchorTable, ensemble: NoiseEnsemble, loss_width: Float[Array, ""], options: FoldOptions
-) -> EnsembleFramed:
-    """The graph exactly as the batch solve states it."""
-    observed, origin = observe(chain, table, table.real, jnp.zeros_like(table.real), loss_width, options)
-    observed = eqx.tree_at(lambda o: o.correlation_m, observed, ensemble.correlation_m)
-    return EnsembleFramed(observed, origin, frame_known(observed.graph))
-
-
-@jax.jit
 def ensemble_solved(
-    framed: EnsembleFramed, ensemble: NoiseEnsemble, count: Array, last: LastSolution | None
+    given: Given,
+    ensemble: NoiseEnsemble,
+    loss_width: Float[Array, ""],
+    last: LastSolution | None,
+    options: FoldOptions,
 ) -> EnsembleSolved:
     """Steps to the mean of the sets' predictions, from the last solution or, where there is none, the coarse fit."""
-    observed = framed.observed
+    chain, table = chain_of_given(given), given.table
+    observed, origin = observe(chain, table, table.real, jnp.zeros_like(table.real), loss_width, options)
+    observed = eqx.tree_at(lambda o: o.correlation_m, observed, ensemble.correlation_m)
     start = start_of(observed)
     if last is not None:
-        poses = carried_on(last, observed.graph.chain, framed.origin_m)
-        start = State(poses, last.log_scale, start.offset_m)
+        start = State(carried_on(last, chain, origin), last.log_scale, start.offset_m)
 
     def again(carry: tuple) -> tuple:
         rounds, _, state, _, _ = carry
@@ -74,19 +57,10 @@ def ensemble_solved(
     state, sets, system = move(start, observed, ensemble)
     carry = (jnp.array(1), moved_m(start, state, observed), state, sets, system)
     rounds, moved, state, sets, system = jax.lax.while_loop(unsettled, again, carry)
-    last_pose = _last_pose(state, system, sets, ensemble, observed, framed.origin_m)
-    carried = LastSolution(state.poses, count, framed.origin_m, state.log_scale)
-    return EnsembleSolved(state, sets, rounds, moved, moved < SETTLED_M, last_pose, carried)
-
-
-@jax.jit
-def ensemble_fold(
-    framed: EnsembleFramed, ensemble: NoiseEnsemble, found: EnsembleSolved, table: AnchorTable
-) -> EnsembleFold:
-    """The solution as the batch solve returns it."""
-    return fold_of(
-        framed.observed, ensemble, found.state, found.sets, framed.origin_m, table, found.rounds, found.moved_m
-    )
+    fold = fold_of(observed, ensemble, state, sets, origin, table, rounds, moved)
+    last_pose = _last_pose(state, system, sets, ensemble, observed, origin)
+    carried = LastSolution(state.poses, given.count, origin, state.log_scale)
+    return EnsembleSolved(frame_known(observed.graph), fold, moved, last_pose, carried)
 
 
 def _last_pose(

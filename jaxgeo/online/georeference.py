@@ -15,9 +15,8 @@ from jaxgeo.associate.centroid import CentroidRule
 from jaxgeo.data import Anchors, Sightings, Survey
 from jaxgeo.errors import ConvergenceError, JaxgeoError, TrajectoryError, UndeterminedError
 from jaxgeo.georef import LocalFrame
-from jaxgeo.graph.anchor_table import AnchorTable, anchor_table
+from jaxgeo.graph.anchor_table import anchor_table
 from jaxgeo.graph.bucket import anchor_bucket, pose_bucket
-from jaxgeo.graph.chain import Chain
 from jaxgeo.graph.components import NoiseEnsemble
 from jaxgeo.graph.noise import OdometryNoise
 from jaxgeo.online.anchor_log import AnchorLog, Labels, padded
@@ -30,7 +29,7 @@ from jaxgeo.online.rehearsal import rehearsal, rehearse_interpolation
 from jaxgeo.online.settings import OnlineSettings
 from jaxgeo.online.sighting_checks import check_sightings, one_sighting
 from jaxgeo.online.visit_log import VisitLog
-from jaxgeo.online.warm_start import LastSolution, chain_of_columns
+from jaxgeo.online.warm_start import Given, LastSolution
 from jaxgeo.precision import assert_float64
 
 
@@ -84,6 +83,9 @@ class OnlineGeoreference:
             twin.update()
             twin.current()
         twin.finish()
+        assert twin._anchors is not None
+        # Asked where the steps on the way do not settle.
+        twin._estimator.solve(twin._given(twin._anchors), None, final=True)
         rehearse_interpolation(made.trajectory)
 
     def push_odometry(self, stamp_s: float, position_m: Sequence[float], quat_wxyz: Sequence[float]) -> None:
@@ -181,8 +183,8 @@ class OnlineGeoreference:
             raise ConvergenceError(self._words)
         assert self._anchors is not None
         assert self._answer is not None
-        chain, table = self._arrays(self._anchors)
-        corrected, covariance, log_scale = self._estimator.whole(self._answer, self._poses.trajectory(), chain, table)
+        given = self._given(self._anchors)
+        corrected, covariance, log_scale = self._estimator.whole(self._answer, self._poses.trajectory(), given)
         return OnlineResult(corrected, covariance, self._anchors, log_scale)
 
     @property
@@ -224,12 +226,10 @@ class OnlineGeoreference:
         self._anchors = anchors
         if len(anchors) >= self._room:
             self._grow_anchors(len(anchors))
-        chain, table = self._arrays(anchors)
-        framed = self._estimator.frame(chain, table)
-        if not bool(framed.known.determined):
-            self._set("undetermined" if self._drift is None else "stale", undetermined_words(anchors, framed.known))
+        answer = self._answered(self._given(anchors), final)
+        if not bool(answer.known.determined):
+            self._set("undetermined" if self._drift is None else "stale", undetermined_words(anchors, answer.known))
             return Update(len(anchors), new, self._status, self._words, 0)
-        answer = self._answered(framed, final)
         if answer.converged:
             self._answer, self._drift = answer, DriftState(answer.last_pose, self._variances)
             self._set("georeferenced", "")
@@ -241,25 +241,24 @@ class OnlineGeoreference:
             )
         return Update(len(anchors), new, self._status, self._words, answer.steps)
 
-    def _answered(self, framed: object, final: bool) -> Answer:
-        """From the last solution; from the coarse fit where that fails, or where a robust loss may hold two optima."""
-        count = len(self._poses)
+    def _answered(self, given: Given, final: bool) -> Answer:
+        """From the last solution; as the batch job does, from the coarse fit, where that fails or has two optima."""
         last: LastSolution | None = None if self._answer is None else self._answer.last
         if final and self.settings.solve.loss != "none":
             last = None
-        answer = self._estimator.solve(framed, count, last, final=final)
-        if not answer.converged and last is not None:
-            answer = self._estimator.solve(framed, count, None, final=final)
+        answer = self._estimator.solve(given, last, final=final)
+        if bool(answer.known.determined) and not answer.converged and not (final and last is None):
+            answer = self._estimator.solve(given, None, final=True)
         return answer
 
-    def _arrays(self, anchors: Anchors) -> tuple[Chain, AnchorTable]:
+    def _given(self, anchors: Anchors) -> Given:
         poses = self._poses
+        rows, real = padded(anchors, self._room, poses.capacity - 1)
+        table = anchor_table(rows, poses.chain(), self.settings.solve.extra_sigma_m)
         # A copy: the log's memory changes with the next pose.
         columns = jnp.array(poses.columns, copy=True)
-        chain = chain_of_columns(columns, jnp.asarray(len(poses)), jnp.asarray(poses.origin_m))
-        rows, real = padded(anchors, self._room, poses.capacity - 1)
-        table = anchor_table(rows, chain, self.settings.solve.extra_sigma_m)
-        return chain, dataclasses.replace(table, real=jnp.asarray(real))
+        table = dataclasses.replace(table, real=jnp.asarray(real))
+        return Given(columns, jnp.asarray(len(poses)), jnp.asarray(poses.origin_m), table)
 
     def _set(self, status: Status, words: str) -> None:
         self._status, self._words = status, words

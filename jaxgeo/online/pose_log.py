@@ -2,12 +2,14 @@
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
 from jaxgeo.data import Trajectory
 from jaxgeo.errors import TrajectoryError
+from jaxgeo.graph.chain import Chain, Poses
 from jaxgeo.graph.noise import LENGTH_FLOOR_M
 
 # Rows of `PoseLog.columns`: the measured pose (minus the origin), the motion from the pose before, length and turn.
@@ -54,6 +56,10 @@ class PoseLog:
         n = self._n
         return Trajectory(self._stamp_s[:n], self._position_m[:n], self._quat_wxyz[:n])
 
+    def chain(self) -> Chain:
+        """Odometry and poses so far, in views of `columns`; what lies behind the last pose is no pose yet."""
+        return chain_of_columns(self.columns, self.origin_m)
+
     def push(self, stamp_s: float, position_m: Sequence[float], quat_wxyz: Sequence[float]) -> Float[np.ndarray, "16"]:
         """Append the next pose, `T_map_body`, and return its column.
 
@@ -97,6 +103,16 @@ class PoseLog:
             column[TURN] = math.hypot(*turn)
         self._n += 1
         return column
+
+
+def chain_of_columns(columns: Any, map_origin_m: Any) -> Chain:
+    """The chain of `PoseLog.columns`, NumPy or traced."""
+    start, step = columns[START_T.start : START_Q.stop], columns[STEP_T.start : STEP_Q.stop]
+    return Chain(_poses(step), _poses(start), columns[LENGTH], columns[TURN], map_origin_m)
+
+
+def _poses(rows: Any) -> Poses:
+    return Poses((rows[3], rows[4], rows[5], rows[6]), (rows[0], rows[1], rows[2]))
 
 
 def _empty_columns(n: int) -> Float[np.ndarray, "16 n"]:

@@ -1,4 +1,4 @@
-"""The chain of fixed size, and where its next solve starts: the last solution, carried on by the odometry since."""
+"""What a solve is given: arrays of fixed size, and the last solution, carried on by the odometry since."""
 
 import equinox as eqx
 import jax
@@ -6,8 +6,23 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from jaxgeo.graph import soa
+from jaxgeo.graph.anchor_table import AnchorTable
 from jaxgeo.graph.chain import Chain, Poses
-from jaxgeo.online.pose_log import LENGTH, START_Q, START_T, STEP_Q, STEP_T, TURN
+from jaxgeo.online.pose_log import chain_of_columns
+
+
+class Given(eqx.Module):
+    """The poses and anchors so far.
+
+    Attributes:
+        columns: of the `PoseLog`, of which `count` are filled; `map_origin_m` has been subtracted from the positions.
+        table: of the anchors, the last row padding that hangs on the last pose.
+    """
+
+    columns: Float[Array, "16 n"]
+    count: Int[Array, ""]
+    map_origin_m: Float[Array, "3"]
+    table: AnchorTable
 
 
 class LastSolution(eqx.Module):
@@ -25,18 +40,16 @@ class LastSolution(eqx.Module):
 
 
 @jax.jit
-def chain_of_columns(columns: Float[Array, "16 n"], count: Int[Array, ""], origin_m: Float[Array, "3"]) -> Chain:
-    """The chain of a `PoseLog`'s columns, of which `count` are filled: what `chain_of` makes of the trajectory."""
-    real = jnp.arange(columns.shape[1]) < count
-    start = jnp.where(
-        real[None], columns[START_T.start : START_Q.stop], columns[START_T.start : START_Q.stop, count - 1][:, None]
-    )
-    step = columns[STEP_T.start : STEP_Q.stop]
-    return Chain(_poses(step), _poses(start), columns[LENGTH], columns[TURN], origin_m)
+def padded_chain(columns: Float[Array, "16 n"], count: Int[Array, ""], map_origin_m: Float[Array, "3"]) -> Chain:
+    """What `chain_of` makes of the trajectory: the last pose repeated over the padding."""
+    chain = chain_of_columns(columns, map_origin_m)
+    last = count - 1
+    there = jnp.arange(chain.length_m.shape[0]) <= last
+    return eqx.tree_at(lambda c: c.start, chain, jax.tree.map(lambda c: jnp.where(there, c, c[last]), chain.start))
 
 
-def _poses(rows: Float[Array, "7 n"]) -> Poses:
-    return Poses((rows[3], rows[4], rows[5], rows[6]), (rows[0], rows[1], rows[2]))
+def chain_of_given(given: Given) -> Chain:
+    return padded_chain(given.columns, given.count, given.map_origin_m)
 
 
 def carried_on(last: LastSolution, chain: Chain, origin_m: Float[Array, "3"]) -> Poses:

@@ -114,7 +114,7 @@ def anchor_system(state: State, chain: ChainLinearised, observed: Observed) -> A
     components = split[:, :, :d].reshape(-1, k * d, k * d)
     known = jnp.repeat(observed.known, d)
     used = known + jnp.repeat(observed.relative, d)
-    base = jnp.eye(k * d) + _shared_survey(jacobian, observed)
+    base = jnp.eye(k * d) + shared_survey(jacobian, observed)
     return AnchorSystem(
         jacobian,
         point_jacobian,
@@ -133,7 +133,7 @@ def same_location(observed: Observed) -> Float[Array, "k k"]:
     return (observed.location[:, None] == observed.location[None, :]).astype(float)
 
 
-def _shared_survey(jacobian: Float[Array, "k d 6"], observed: Observed) -> Float[Array, "m m"]:
+def shared_survey(jacobian: Float[Array, "k d 6"], observed: Observed) -> Float[Array, "m m"]:
     """Covariance, whitened, that visits of one location have in common: its survey's."""
     weight = jacobian[..., :3]
     survey = 0.5 * (observed.survey_covariance_m2[:, None] + observed.survey_covariance_m2[None, :])

@@ -38,6 +38,12 @@ _DAMPING_HIGHEST = 1e6
 # A step is never expected to lower the cost by less than this share of what the last one did: near the optimum it was
 # 1e-4 to 4e-3, while the first steps, from far away, lower it a million times more than the next ones.
 _FASTEST = 1e-3
+# Nor is it expected to move the poses by less than this share of what the last one did. Far from all anchors steps
+# shrink ten times each at the optimum, after much faster ones before it.
+_FASTEST_MOVE = 0.1
+# A next step may move any pose by this much, or lower the cost by this share of what else is enough.
+_SETTLED_M = 2e-4
+_SETTLED_SHARE = 1e-2
 
 
 class State(eqx.Module):
@@ -48,6 +54,7 @@ class State(eqx.Module):
     eps: tuple[Vec3, Vec3]
     cost: Float[Array, ""]
     decrease: Float[Array, ""]
+    move_m: Float[Array, ""]
     damping: Float[Array, ""]
     converged: Bool[Array, ""]
     stuck: Bool[Array, ""]
@@ -95,12 +102,20 @@ def damped_step(state: State, graph: PoseGraph) -> tuple[Poses, Globals]:
     return advance(state.poses, compute_once(always, prefix_sum(delta))), new_glob
 
 
+def _farthest_m(before: Poses, after: Poses) -> Float[Array, ""]:
+    """How far the farthest pose goes. Neighbours go alike: one of eight is asked."""
+    moved = tuple(new[::8] - old[::8] for new, old in zip(after.t, before.t, strict=True))
+    return jnp.sqrt(jnp.max(moved[0] * moved[0] + moved[1] * moved[1] + moved[2] * moved[2]))
+
+
 class MeasurementSpaceLM(optx.AbstractLeastSquaresSolver):
     """Levenberg-Marquardt whose every step is a dense system of the anchors only; `args` must be the `PoseGraph`.
 
     Converged: after an undamped step, what a next one would lower the cost by, extrapolated geometrically from the last
-    two decreases, is below `rtol * cost + atol`. A trial that is not finite, or raises the cost, is rejected and the
-    damping raised; damping past 1e6 ends the solve as divergent.
+    two decreases, is below `rtol * cost + atol`, and it would move no pose by more than 0.2 mm, extrapolated likewise;
+    or the former is a hundred times below. (A step that lowers the cost by half a square of s moves nothing by more
+    than s standard deviations, but far from all anchors these are metres.) A trial that is not finite, or raises the
+    cost, is rejected and the damping raised; damping past 1e6 ends the solve as divergent.
     """
 
     rtol: float = 1e-9
@@ -112,8 +127,8 @@ class MeasurementSpaceLM(optx.AbstractLeastSquaresSolver):
     ) -> State:
         poses, glob = poses_at(y, args.base), globals_at(y, args)
         eps = chain_noise(poses, glob, args)
-        false = jnp.array(False)
-        return State(poses, glob, eps, cost_at(poses, glob, eps, args), jnp.array(jnp.inf), jnp.zeros(()), false, false)
+        false, far = jnp.array(False), jnp.array(jnp.inf)
+        return State(poses, glob, eps, cost_at(poses, glob, eps, args), far, far, jnp.zeros(()), false, false)
 
     def step(
         self, fn: Any, y: Increments, args: PoseGraph, options: dict, state: State, tags: frozenset
@@ -127,7 +142,10 @@ class MeasurementSpaceLM(optx.AbstractLeastSquaresSolver):
         decrease = state.cost - cost
         # At the optimum rounding may raise the cost by a hair: that is convergence, and the older point stays.
         next_decrease = jnp.where(lower, decrease * jnp.clip(decrease / state.decrease, _FASTEST, 1.0), -decrease)
-        converged = undamped & jnp.isfinite(cost) & (next_decrease <= slack)
+        move_m = _farthest_m(state.poses, poses)
+        next_move_m = move_m * jnp.clip(move_m / state.move_m, _FASTEST_MOVE, 1.0)
+        settled = (next_move_m <= _SETTLED_M) | (next_decrease <= _SETTLED_SHARE * slack)
+        converged = undamped & jnp.isfinite(cost) & (next_decrease <= slack) & settled
         accept = lower & jnp.isfinite(cost)
         raised = jnp.maximum(state.damping * _DAMPING_FACTOR, _DAMPING_FIRST)
         lowered = jnp.where(state.damping <= _DAMPING_LOWEST, 0.0, state.damping / _DAMPING_FACTOR)
@@ -136,8 +154,8 @@ class MeasurementSpaceLM(optx.AbstractLeastSquaresSolver):
         poses, glob, eps, cost = jax.tree.map(lambda new, old: jnp.where(accept, new, old), trial, kept)
         damping = jnp.where(accept, lowered, raised)
         stuck = ~converged & ~accept & (damping > _DAMPING_HIGHEST)
-        last = jnp.where(accept & undamped, decrease, jnp.inf)
-        return y, State(poses, glob, eps, cost, last, damping, converged, stuck), None
+        decrease, move_m = (jnp.where(accept & undamped, last, jnp.inf) for last in (decrease, move_m))
+        return y, State(poses, glob, eps, cost, decrease, move_m, damping, converged, stuck), None
 
     def terminate(
         self, fn: Any, y: Increments, args: PoseGraph, options: dict, state: State, tags: frozenset

@@ -258,15 +258,34 @@ def test_where_the_last_solution_leads_nowhere_the_coarse_fit_is_tried(monkeypat
     replayed(found, MADE, 50)
     solve, started = found._estimator.solve, []
 
-    def fails_when_warm(framed, count, last, *, final):
-        started.append("coarse" if last is None else "last")
-        answer = solve(framed, count, last, final=final)
+    def fails_when_warm(given, last, *, final):
+        started.append(("coarse" if last is None else "last", final))
+        answer = solve(given, last, final=final)
         return answer if last is None else dataclasses.replace(answer, converged=False)
 
     monkeypatch.setattr(found._estimator, "solve", fails_when_warm)
     replayed_from(found, MADE, 50, 66)
-    assert started == ["last", "coarse"]
+    assert started == [("last", False), ("coarse", True)]
     assert (found.current().status, found.current().n_anchors) == ("georeferenced", 4)
+
+
+def test_on_the_way_a_robust_loss_gives_way_to_a_wrong_anchor():
+    """As in the batch solve: its weights have settled as well."""
+    surveyed = MADE.survey.enh_m.copy()
+    surveyed[MADE.survey.index("D")] += [6.0, -8.0, 0.0]
+    made = dataclasses.replace(MADE, survey=dataclasses.replace(MADE.survey, enh_m=surveyed))
+    settings = Settings(loss="cauchy")
+    found = OnlineGeoreference(made.survey, FRAME, NOISE, dataclasses.replace(SETTINGS, solve=settings))
+    found.push_sightings(made.sightings)
+    for i in range(N):
+        push_pose(found, made, i)
+    found.update(close_open=True)
+    now = found.current()
+    expected = correct(made.trajectory, batch_anchors(made), NOISE, settings)
+    sigma_m = np.sqrt(np.diag(expected.covariance[-1])[:3])
+    assert now.status == "georeferenced"
+    assert_allclose(now.position_m / sigma_m, expected.corrected.position_m[-1] / sigma_m, atol=0.1)
+    assert_allclose(np.sqrt(np.diag(now.covariance)[:3]), sigma_m, rtol=0.05)
 
 
 def test_the_end_under_a_robust_loss_starts_as_the_batch_job_does(monkeypatch):
@@ -275,9 +294,9 @@ def test_the_end_under_a_robust_loss_starts_as_the_batch_job_does(monkeypatch):
     replayed(found, MADE, 50)
     solve, started = found._estimator.solve, []
 
-    def spied(framed, count, last, *, final):
+    def spied(given, last, *, final):
         started.append((final, last is None))
-        return solve(framed, count, last, final=final)
+        return solve(given, last, final=final)
 
     monkeypatch.setattr(found._estimator, "solve", spied)
     found.finish()

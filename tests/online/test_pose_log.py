@@ -12,7 +12,7 @@ from jaxgeo.data import Trajectory
 from jaxgeo.errors import TrajectoryError
 from jaxgeo.graph.chain import chain_of
 from jaxgeo.online.pose_log import PoseLog
-from jaxgeo.online.warm_start import LastSolution, carried_on, chain_of_columns
+from jaxgeo.online.warm_start import LastSolution, carried_on, padded_chain
 
 N = 100
 
@@ -34,7 +34,7 @@ def logged(trajectory: Trajectory, capacity: int = 128) -> PoseLog:
 
 
 def chain_of_log(log: PoseLog):
-    return chain_of_columns(jnp.array(log.columns), jnp.asarray(len(log)), jnp.asarray(log.origin_m))
+    return padded_chain(jnp.array(log.columns), jnp.asarray(len(log)), jnp.asarray(log.origin_m))
 
 
 @pytest.mark.parametrize("trajectory", [session(N).trajectory, turned_much()], ids=["walk", "turned much"])
