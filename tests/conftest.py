@@ -57,6 +57,12 @@ SAME_SHAPES = (
         "tests/eval_/test_subsets.py",
     ),
     ("tests/cli/bad_input/",),
+    (
+        "tests/cli/test_check.py",
+        "tests/cli/test_session_check.py",
+        "tests/cli/test_session_corrections.py",
+        "tests/cli/test_replay.py",
+    ),
 )
 
 

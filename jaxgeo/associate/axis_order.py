@@ -37,7 +37,8 @@ def refuse_exchanged_axes(trajectory: Trajectory, anchors: Anchors, *, scale: bo
         raise SurveyError(
             f"the survey's E and N seem to be exchanged: with them swapped the {len(anchors)} visits fit the "
             f"trajectory to {exchanged_m:.3f} m RMS, as given only to {given_m:.3f} m. Check the header of the survey "
-            "file, or `columns`. (A left-handed trajectory would look the same.)"
+            "file, or `columns`. (A left-handed trajectory would look the same, and so may wrong labels, which 'jaxgeo "
+            "check' weighs.)"
         )
 
 

@@ -100,6 +100,7 @@ def _wrong_number(visits: Sequence[Visit], order: Sequence[str]) -> str:
     return (
         f"{len(visits)} visits were found but visits.order names {len(order)}: {', '.join(order)}.\n{rows}\n"
         + _hint(visits, len(visits) - len(order))
+        + (" 'jaxgeo check' says which one it is." if abs(len(visits) - len(order)) == 1 else "")
     )
 
 

@@ -71,6 +71,7 @@ def learn_session(
     from jaxgeo.cli.ingest import ingest
     from jaxgeo.cli.noise import learn_settings, learned_values, noise_of, noise_values, profile_values, stored_noise
     from jaxgeo.cli.session import Clock, anchored, named, settings_of
+    from jaxgeo.cli.session_corrections import as_recorded
     from jaxgeo.graph.components import ensemble_of
     from jaxgeo.solve.correct import correct
 
@@ -78,7 +79,7 @@ def learn_session(
     data = ingest(config, progress, out)
     noise: dict[str, dict[str, Any]] = {}
     growth: dict[str, DriftGrowth] = {}
-    warnings: list[str] = []
+    warnings = list(as_recorded(config, "jaxgeo calibrate"))
     for name, source in config.trajectories.items():
         with named(name):
             settings, fixed = settings_of(config), noise_of(source, config)

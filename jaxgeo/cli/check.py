@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from jaxgeo.cli.check_facts import finding_facts, hypothesis_facts
 from jaxgeo.cli.progress import Progress
 from jaxgeo.config import load_config
 from jaxgeo.config.schema import SessionConfig
@@ -12,13 +13,11 @@ from jaxgeo.errors import SightingError, SurveyError
 from jaxgeo.io.atomic import check_output_folder
 
 if TYPE_CHECKING:
-    from calibration.faults import Alignment, Finding, Hypothesis, Session
+    from calibration.faults import Alignment, Session
     from jaxgeo.cli.ingest import Ingested
     from jaxgeo.export.table import Table
 
 CHECK_FILE = "check.json"
-# Hypotheses listed in check.json, best first.
-LISTED = 12
 
 
 def check_config(path: Path, out: Path | None, overrides: Sequence[str], quiet: bool) -> bool:
@@ -89,11 +88,13 @@ def _check_one(name: str, config: SessionConfig, data: "Ingested", order: tuple[
     from jaxgeo.associate import make_anchors, refuse_exchanged_axes
     from jaxgeo.cli.noise import learn_settings, noise_of, stored_noise
     from jaxgeo.cli.session import settings_of
+    from jaxgeo.cli.session_corrections import as_recorded
 
     source, settings = config.trajectories[name], settings_of(config)
     trajectory, origin = data.trajectories[name], data.frame.origin_enh_m
     anchors, said = make_anchors(trajectory, data.sightings, data.visits, data.survey, origin_enh_m=origin)
-    warnings = [*data.made_warnings.get(name, ()), *data.warnings, *said]
+    recorded = as_recorded(config, "jaxgeo check")
+    warnings = [*recorded, *data.made_warnings.get(name, ()), *data.warnings, *said]
     learn = learn_settings(config, source, noise_of(source, config), stored_noise(config, source))
     session = session_of(trajectory, anchors, site_of(data.survey, origin), settings, learn)
     if order is not None:
@@ -105,56 +106,7 @@ def _check_one(name: str, config: SessionConfig, data: "Ingested", order: tuple[
             refuse_exchanged_axes(trajectory, anchors, scale=settings.coarse_scale, gravity=settings.coarse_gravity)
         except SurveyError as error:
             warnings.append(str(error))
-    return _finding_facts(config, session, data, found) | {"warnings": warnings}
-
-
-def _finding_facts(config: SessionConfig, session: "Session", data: "Ingested", found: "Finding") -> dict[str, Any]:
-    from calibration.faults import finding_sentences
-    from jaxgeo.cli.check_mend import mend_sentences
-
-    facts = {"fault": found.fault} | _weighed_facts(session, found)
-    facts["sentences"] = list(finding_sentences(found))
-    facts["mend"] = mend_sentences(config, data.visits, session.anchors, found.named)
-    if found.mended is not None:
-        again = list(finding_sentences(found.mended))
-        facts["mended"] = {"fault": found.mended.fault} | _weighed_facts(session, found.mended) | {"sentences": again}
-    return facts
-
-
-def _weighed_facts(session: "Session", found: "Finding") -> dict[str, Any]:
-    ranked = sorted(found.log_bayes.items(), key=lambda pair: -pair[1])[:LISTED]
-    visits = [
-        {
-            "visit": j + 1,
-            "location": found.told[j],
-            "stamp_s": session.anchors.stamp_s[j],
-            "tail": found.tail[j],
-            "tested": bool(found.tested[j]),
-            "surveyed_minus_predicted_m": found.error_m[j],
-            "smallest_detectable_shift_m": found.smallest_m[j],
-        }
-        for j in range(len(found.told))
-    ]
-    return {
-        "named": _hypothesis_facts(found.named, found.told),
-        "beside": [_hypothesis_facts(h, found.told) for h in found.beside],
-        "not_ruled_out": [_hypothesis_facts(h, found.told) for h in found.open],
-        "log_mean_bayes_factor_of_label_faults": found.label_alarm,
-        "position_alarm": found.position_alarm,
-        "hypotheses": [_hypothesis_facts(h, found.told) | {"log_bayes_factor": value} for h, value in ranked],
-        "visits": visits,
-    }
-
-
-def _hypothesis_facts(h: "Hypothesis", told: Sequence[str]) -> dict[str, Any]:
-    from calibration.faults import fault_words
-
-    return {
-        "kind": h.kind,
-        "visits": [i + 1 for i in h.visits],
-        "places": [place or None for place in h.places],
-        "words": fault_words(h, told),
-    }
+    return finding_facts(config, data.visits, session, found) | {"warnings": warnings}
 
 
 def _alignment_facts(
@@ -170,8 +122,8 @@ def _alignment_facts(
     ]
     return {
         "fault": True,
-        "named": _hypothesis_facts(found.named, order) | {"probability": found.probability},
-        "not_ruled_out": [_hypothesis_facts(h, order) | {"probability": share} for h, share in found.beside],
+        "named": hypothesis_facts(found.named, order) | {"probability": found.probability},
+        "not_ruled_out": [hypothesis_facts(h, order) | {"probability": share} for h, share in found.beside],
         "sentences": said,
         "mend": [order_sentence(config, found.named.places) + " Then check again."],
     }

@@ -9,6 +9,7 @@ from jaxgeo.cli.ingest import Ingested, ingest
 from jaxgeo.cli.noise import learn_settings, noise_of, stored_ensemble, stored_noise
 from jaxgeo.cli.progress import Progress
 from jaxgeo.cli.session import local_reference, named, run_session, settings_of
+from jaxgeo.cli.session_corrections import as_recorded
 from jaxgeo.config.schema import SessionConfig
 from jaxgeo.data import Trajectory
 from jaxgeo.export.result import SessionResult
@@ -47,7 +48,8 @@ def evaluate_session(
     true = true or {}
     progress.phase("read", config.name)
     data = ingest(config, progress, out)
-    result = run_session(config, progress, data)
+    recorded = as_recorded(config, "jaxgeo evaluate")
+    result = _with_warnings(run_session(config.model_copy(update={"corrections": None}), progress, data), recorded)
     evaluations, fixed = [], {}
     for name, source in config.trajectories.items():
         with named(name):
@@ -83,6 +85,14 @@ def evaluate_session(
                 )
             )
     return EvaluatedSession(config, result, tuple(evaluations), fixed, true)
+
+
+def _with_warnings(result: SessionResult, more: tuple[str, ...]) -> SessionResult:
+    trajectories = {
+        name: dataclasses.replace(found, warnings=(*more, *found.warnings))
+        for name, found in result.trajectories.items()
+    }
+    return dataclasses.replace(result, trajectories=trajectories)
 
 
 def _reference(name: str, config: SessionConfig, data: Ingested) -> Trajectory | None:

@@ -1,5 +1,6 @@
 """`jaxgeo replay`: a recorded session through the online estimator, beside the batch answer."""
 
+import gc
 import math
 import sys
 from collections.abc import Sequence
@@ -82,6 +83,7 @@ def _replay_one(
 ) -> tuple[str, dict[str, Any]]:
     """One trajectory: its online.csv, and what replay.json says of it."""
     from jaxgeo.cli.session import Clock, anchored, settings_of
+    from jaxgeo.cli.session_corrections import as_recorded
     from jaxgeo.online import OnlineGeoreference
     from jaxgeo.online.replay import replay
 
@@ -92,6 +94,9 @@ def _replay_one(
     online = OnlineGeoreference(data.survey, data.frame, noise, online_settings(config, len(trajectory), len(anchors)))
     progress.phase("compile", name)
     online.warm_up()
+    # What was made so far stays: going through it takes the collector tenths of a second, in the midst of a push.
+    gc.collect()
+    gc.freeze()
     progress.phase("replay", name)
     with progress.count("poses", len(trajectory)) as bar:
 
@@ -101,6 +106,7 @@ def _replay_one(
                 progress.say(_line(pose, update, took_s))
 
         found = replay(online, trajectory, data.sightings, rate=rate, after_pose=told)
+    gc.unfreeze()
     progress.phase("compare with the batch answer", name)
     batch_m = batch_positions_m(trajectory, anchors, noise, settings)
     apart_m = np.linalg.norm(found.result.corrected.position_m - batch_m, axis=1)
@@ -113,7 +119,7 @@ def _replay_one(
         "final_minus_batch_m": {"max": float(apart_m.max()), "rms": float(np.sqrt(np.mean(apart_m**2)))},
         "latency_ms": {kind: _quantiles_ms(times) for kind, times in found.latency_s.items()},
         "behind_ms": None if rate is None else _quantiles_ms(found.behind_s),
-        "warnings": [*said[1:], *dict.fromkeys((*about, *online.warnings))],
+        "warnings": [*as_recorded(config, "jaxgeo replay"), *said[1:], *dict.fromkeys((*about, *online.warnings))],
     }
     return _online_text(config, data.frame, name, found), facts
 

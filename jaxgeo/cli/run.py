@@ -30,7 +30,7 @@ def run_config(path: Path, out: Path | None, overrides: Sequence[str], quiet: bo
 
     keep_compiled_programs()
     with Progress(quiet) as progress:
-        result = run_session(config, progress, out=out)
+        result = run_session(config, progress, out=out, check=True)
         progress.phase("write", str(out))
         write_session(result, out)
         points = {}
@@ -43,6 +43,8 @@ def run_config(path: Path, out: Path | None, overrides: Sequence[str], quiet: bo
         for name, trajectory in result.trajectories.items():
             for warning in trajectory.warnings:
                 print(f"warning: {name}: {warning}", file=sys.stderr)
+            for sentence in (trajectory.corrections or {}).get("sentences", ()):
+                print(f"{name}{label}: {sentence}")
         for file, count in points.items():
             print(f"{out / file}: {count:,} points{label}")
         print(f"{config.name}{label}: {out / 'report.html'}")

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from calibration.calibrate import LearnSettings
 from eval.drift_growth import drift_growth
 from eval.loo import (
     EnsembleHeldOut,
@@ -34,10 +35,12 @@ from jaxgeo.cli.noise import (
     stored_values,
 )
 from jaxgeo.cli.progress import Progress
+from jaxgeo.cli.session_check import cause_words, check_anchors, check_warnings
+from jaxgeo.cli.session_corrections import estimated, learn_corrected
 from jaxgeo.config.inputs import AnyTrajectoryInput
 from jaxgeo.config.schema import SessionConfig
 from jaxgeo.data import Anchors, Trajectory
-from jaxgeo.errors import JaxgeoError
+from jaxgeo.errors import ConvergenceError, JaxgeoError
 from jaxgeo.export.result import CoarseFit, DriftGrowth, HeldOut, ReferenceError, SessionResult, TrajectoryResult
 from jaxgeo.graph.components import ensemble_of
 from jaxgeo.solve.correct import Correction, Settings, correct
@@ -47,9 +50,19 @@ _VERSIONS = ("jax", "jaxlib", "optimistix", "lineax", "equinox", "numpy", "scipy
 
 
 def run_session(
-    config: SessionConfig, progress: Progress, data: Ingested | None = None, out: Path | None = None
+    config: SessionConfig,
+    progress: Progress,
+    data: Ingested | None = None,
+    out: Path | None = None,
+    *,
+    check: bool = False,
 ) -> SessionResult:
-    """Run one session; `data` is what `ingest` made of this config, where it is known already, `out` its folder.
+    """Run one session.
+
+    Args:
+        data: what `ingest` made of this config, where it is known already.
+        out: the session's folder.
+        check: whether to look for wrong anchors where the config does not say.
 
     Raises:
         InputError: bad input.
@@ -63,7 +76,7 @@ def run_session(
     trajectories: dict[str, TrajectoryResult] = {}
     for name, source in config.trajectories.items():
         with named(name):
-            trajectories[name] = _run_trajectory(name, source, config, data, progress)
+            trajectories[name] = _run_trajectory(name, source, config, data, progress, check=check)
     return SessionResult(
         name=config.name,
         frame=data.frame,
@@ -110,11 +123,47 @@ class _Refined:
 
 
 def _run_trajectory(
-    name: str, source: AnyTrajectoryInput, config: SessionConfig, data: Ingested, progress: Progress
+    name: str, source: AnyTrajectoryInput, config: SessionConfig, data: Ingested, progress: Progress, *, check: bool
 ) -> TrajectoryResult:
     settings, noise = settings_of(config), noise_of(source, config)
+    learn = learn_settings(config, source, noise, stored_noise(config, source))
     clock = Clock(progress, name)
     trajectory, anchors, said = anchored(name, settings, data, clock)
+    asked = check if config.evaluate.check is None else config.evaluate.check
+
+    def checked(used: Anchors) -> dict[str, Any] | None:
+        if not asked:
+            return None
+        clock.phase("check the anchors")
+        return check_anchors(config, data, trajectory, used, settings, learn)
+
+    try:
+        found = _estimated(name, source, config, data, trajectory, anchors, learn, clock)
+    except ConvergenceError as error:  # most often an anchor is wrong: then that is the message
+        raise ConvergenceError(f"{error} {cause_words(checked(anchors))}") from error
+    finding = checked(found.anchors)
+    clock.end()
+    # Anchors that were made twice are told of once.
+    warnings = tuple(dict.fromkeys((*said, *found.warnings, *check_warnings(finding))))
+    return dataclasses.replace(found, check=finding, warnings=warnings)
+
+
+def _estimated(
+    name: str,
+    source: AnyTrajectoryInput,
+    config: SessionConfig,
+    data: Ingested,
+    trajectory: Trajectory,
+    anchors: Anchors,
+    learn: LearnSettings,
+    clock: "Clock",
+) -> TrajectoryResult:
+    """Everything but the check; its warnings are those of corrections and of the similarity.
+
+    Raises:
+        EstimationError: the anchors do not fix the frame, or a solve did not converge.
+    """
+    settings, noise, stored = settings_of(config), learn.noise, stored_noise(config, source)
     hold_out = config.evaluate.leave_one_out
     # The fixed noise first, always: it says whether the anchors fix the frame, and what learning has to beat.
     clock.phase("correct and hold out" if hold_out else "correct")
@@ -125,11 +174,17 @@ def _run_trajectory(
     refined = [_of_fixed(found, held_out, len(anchors))]
     written: dict[str, Any] = {"fixed": noise_values(noise)}
     ensemble, learned = ensemble_of(noise), None
-    stored = stored_noise(config, source)
+    made = None
+    if config.corrections is not None:
+        clock.phase("corrections")
+        made = estimated(config.corrections, trajectory, anchors, data, settings, learn)
+    final = anchors if made is None or made.anchors is None else made.anchors
     if config.noise.mode == "learned":
         clock.phase("learn and hold out" if hold_out else "learn")
-        start = learn_settings(config, source, noise, stored)
-        calibration, correction, predicted = learn_and_hold_out(trajectory, anchors, settings, start, held_out)
+        if made is not None and made.anchors is not None:
+            calibration, correction, predicted = learn_corrected(made, trajectory, data, settings, learn, held_out)
+        else:
+            calibration, correction, predicted = learn_and_hold_out(trajectory, anchors, settings, learn, held_out)
         refined.append(_of_ensemble("learned", correction, predicted, len(anchors)))
         written["learned"] = learned_values(calibration)
         learned = calibration.ensemble
@@ -147,10 +202,9 @@ def _run_trajectory(
         trajectory, anchors, float(found.fold.coarse.scale), coarse_m - anchors.surveyed_enh_m, ensemble, learned
     )
     clock.end()
-    said = (*said, *upside_down(np.asarray(found.fold.coarse.rotation)))
-    return _result(
-        name, trajectory, anchors, found, held_out, refined, reference, written, growth, clock.timing_s, said
-    )
+    said = (*(() if made is None else made.warnings), *upside_down(np.asarray(found.fold.coarse.rotation)))
+    whole = _result(name, trajectory, final, found, held_out, refined, reference, written, growth, clock.timing_s, said)
+    return dataclasses.replace(whole, corrections=None if made is None else made.facts())
 
 
 def anchored(

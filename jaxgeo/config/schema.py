@@ -4,6 +4,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
+from jaxgeo.config.corrections import CorrectionsInput
 from jaxgeo.config.fields import Crs, FileName, InputFile, Name, NonNegative, Positive, Section, Vector, nearest
 from jaxgeo.config.images import ImagesSightingsInput
 from jaxgeo.config.inputs import (
@@ -118,11 +119,13 @@ class Evaluate(Section):
         leave_one_out: hold every location out in turn.
         subsets: `jaxgeo evaluate` also tries fewer anchors: at most so many choices of each number; 0: none.
         cost: `jaxgeo evaluate` also measures what the computing costs.
+        check: look for wrong anchors; null: `jaxgeo run` does, the other commands do not.
     """
 
     leave_one_out: bool = True
     subsets: Annotated[int, Field(ge=0, le=10_000)] = 40
     cost: bool = True
+    check: bool | None = None
 
 
 class Report(Section):
@@ -138,6 +141,7 @@ class SessionConfig(Section):
         crs: of the survey.
         simulated: every output is labelled simulated.
         scans, rgbd: raw sensors; without `trajectories`, LiDAR odometry (`icp`) and mapping (`dense`) are made of them.
+        corrections: of the sightings' clock, the camera's place and its attitude, to be estimated; None: none.
         origin_enh_m: E, N, h subtracted before anything is estimated; None: the survey's median, rounded to 100 m.
         basemap: an orthophoto (GeoTIFF) of the site, drawn under the maps.
     """
@@ -166,6 +170,7 @@ class SessionConfig(Section):
     noise: Noise = Noise()
     coarse: Coarse = Coarse()
     anchors: AnchorOptions = AnchorOptions()
+    corrections: CorrectionsInput | None = Field(default=None)
     solver: Solver = Solver()
     evaluate: Evaluate = Evaluate()
     report: Report = Report()
@@ -205,6 +210,15 @@ class SessionConfig(Section):
         if isinstance(source, ComputedTrajectoryInput) and source.of is not None:
             return source.of
         return next((n for n, t in self.trajectories.items() if getattr(t, "computed", None) != "mapping"), name)
+
+    @model_validator(mode="after")
+    def _check_corrections(self):
+        if self.corrections is not None and self.noise.mode == "fixed":
+            raise ValueError(
+                "corrections are estimated together with the odometry's noise, but noise.mode is fixed: learn it, or "
+                "remove 'corrections'"
+            )
+        return self
 
     @model_validator(mode="after")
     def _check_basemap(self):

@@ -55,6 +55,8 @@ def trajectory_metrics(trajectory: TrajectoryResult) -> dict[str, Any]:
         "noise": noise_figures(trajectory.noise),
         "solver": trajectory.solver,
         "timing_s": trajectory.timing_s,
+        "corrections": trajectory.corrections,
+        "check": trajectory.check,
         "warnings": trajectory.warnings,
     }
 

@@ -98,6 +98,9 @@ class TrajectoryResult:
         timing_s: seconds by phase.
         warnings: sentences for the user.
         drift_growth: predicted and observed drift of the odometry alone.
+        corrections: of clock, lever arm and camera rotation, where they were asked for: whether they were `applied`
+            (then `anchors` have them), `rows`, and `sentences` that say so.
+        check: of wrong anchors, where it was made: whether there is a `fault`, `sentences`, and what would `mend` it.
     """
 
     name: str
@@ -118,6 +121,8 @@ class TrajectoryResult:
     timing_s: dict[str, float]
     warnings: tuple[str, ...] = ()
     drift_growth: DriftGrowth | None = None
+    corrections: dict[str, Any] | None = None
+    check: dict[str, Any] | None = None
 
 
 @dataclasses.dataclass(frozen=True)

@@ -14,7 +14,7 @@ from jaxgeo.export.interactive_profile import interactive_profile
 from jaxgeo.export.noise_section import drift_caption, noise_section
 from jaxgeo.export.number_words import THIN, decimal, duration_words, length_words, number_text
 from jaxgeo.export.plan_view import plan_view
-from jaxgeo.export.report_page import escape, facts, figure, paragraph
+from jaxgeo.export.report_page import bullets, escape, facts, figure, paragraph
 from jaxgeo.export.report_tables import (
     calibration_table,
     flat_pairs,
@@ -49,6 +49,7 @@ def trajectory_section(result: SessionResult, trajectory: TrajectoryResult, *, i
     )
     yield "<h3>Anchors</h3>"
     yield residual_table(result, trajectory)
+    yield from about_anchors(trajectory)
     yield "<h3>Held-out error</h3>"
     if stats:
         yield held_out_table(result, trajectory)
@@ -79,6 +80,16 @@ def trajectory_section(result: SessionResult, trajectory: TrajectoryResult, *, i
         yield "<h3>Against the reference trajectory</h3>"
         yield reference_table(trajectory)
     yield from numbers(trajectory)
+
+
+def about_anchors(trajectory: TrajectoryResult) -> Iterator[str]:
+    """Corrections of clock and camera, and whether an anchor may be wrong: what was found, and what was done."""
+    if trajectory.corrections is not None:
+        yield "<h3>Clock and camera</h3>"
+        yield bullets(trajectory.corrections["sentences"])
+    if trajectory.check is not None:
+        yield "<h3>Are the anchors right?</h3>"
+        yield bullets([*trajectory.check["sentences"], *trajectory.check["mend"]])
 
 
 def static_profiles(result: SessionResult, trajectory: TrajectoryResult) -> Iterator[str]:

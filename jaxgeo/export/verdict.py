@@ -26,7 +26,8 @@ def verdict(trajectory: TrajectoryResult) -> Verdict:
         sentence = "There is no held-out error: nothing in this report says how good the corrected trajectory is."
         return Verdict("bad", (sentence, *revisit_sentences(trajectory)))
     level, sentences = gain(stats, stage)
-    sentences += learned_or_fixed(stats)
+    applied = trajectory.corrections is not None and trajectory.corrections["applied"]
+    sentences += learned_or_fixed(stats, corrected=applied)
     for judge in (consistency, failures):
         worse, more = judge(stats[stage])
         level = worst(level, worse)
@@ -57,8 +58,11 @@ def gain(stats: dict[str, HeldOutStats], stage: str) -> tuple[str, tuple[str, ..
     )
 
 
-def learned_or_fixed(stats: dict[str, HeldOutStats]) -> tuple[str, ...]:
-    """Learned noise against fixed noise, on the visits that both have an error of."""
+def learned_or_fixed(stats: dict[str, HeldOutStats], *, corrected: bool) -> tuple[str, ...]:
+    """Learned noise against fixed noise, on the visits that both have an error of.
+
+    `corrected`: clock or camera too, with the learned noise only; which of the two pays cannot be told then.
+    """
     if "learned" not in stats or "fixed" not in stats:
         return ()
     both = np.isfinite(stats["learned"].norm_m) & np.isfinite(stats["fixed"].norm_m)
@@ -66,6 +70,11 @@ def learned_or_fixed(stats: dict[str, HeldOutStats]) -> tuple[str, ...]:
         return ()
     learned, fixed = (float(stats[stage].norm_m[both].mean()) for stage in ("learned", "fixed"))
     pair = f"held out {length_words(learned)} against {length_words(fixed)}"
+    if corrected:
+        return (
+            f"Learned odometry noise and the corrections of clock and camera together: {pair} with fixed noise and the "
+            "sightings as recorded.",
+        )
     if learned < 0.95 * fixed:
         said = f"Learning the odometry noise pays: {pair} with fixed noise, {100 * (1 - learned / fixed):.0f} % less."
     elif learned <= 1.05 * fixed:

@@ -18,11 +18,12 @@ def session(monkeypatch, tmp_path):
     assert main(["simulate", "--out", "made"]) == 0
     calls = []
 
-    def run_session(config, progress, out):
+    def run_session(config, progress, out, check):
+        assert check
         progress.phase("read")
         if config.seed == 13:
             raise UndeterminedError("the anchors lie on a line")
-        trajectories = {"icp": types.SimpleNamespace(warnings=("stamps are late",))}
+        trajectories = {"icp": types.SimpleNamespace(warnings=("stamps are late",), corrections=None)}
         return types.SimpleNamespace(simulated=config.simulated, trajectories=trajectories)
 
     monkeypatch.setitem(sys.modules, "jaxgeo.cli.session", types.SimpleNamespace(run_session=run_session))
