@@ -10,8 +10,10 @@ from typing import Any
 
 from jaxgeo.cli.input_identity import facts_key, file_identities
 from jaxgeo.config import load_config
+from jaxgeo.config.load import CONFIG_BYTES
 from jaxgeo.config.schema import SessionConfig
 from jaxgeo.errors import ConfigError, InputError
+from jaxgeo.io.regular_file import head_of, read_whole
 from jaxgeo.io.text_file import read_lines
 from jaxgeo.io.yaml_text import parse_yaml
 
@@ -58,7 +60,11 @@ def config_paths(given: Sequence[str]) -> tuple[list[Path], list[str]]:
 
 def _of_argument(text: str, folder: Path, said: list[str], *, in_list: bool) -> list[Path]:
     path = folder / text
-    if path.is_dir():
+    try:
+        is_folder = path.is_dir()
+    except OSError as failure:  # a name too long
+        raise InputError(f"{text[:80]}: {failure.strerror}; expected a config, a folder or a glob of configs") from None
+    if is_folder:
         return _of_folder(path, said)
     if path.is_file():
         if path.suffix.lower() in CONFIG_SUFFIXES:
@@ -95,8 +101,8 @@ def _of_folder(folder: Path, said: list[str]) -> list[Path]:
 
 def _may_be_a_session(path: Path) -> bool:
     try:
-        content = parse_yaml(path.read_bytes().decode("utf-8-sig"))
-    except (OSError, ValueError):  # a broken config is to fail its own row, with its message
+        content = parse_yaml(read_whole(path, InputError, CONFIG_BYTES).decode("utf-8-sig"))
+    except (InputError, OSError, ValueError):  # a broken config is to fail its own row, with its message
         return True
     return isinstance(content, dict) and "sightings" in content
 
@@ -141,7 +147,7 @@ def _session(path: Path, overrides: Sequence[str], versions: Mapping[str, str], 
     try:
         config = load_config(path, overrides)
     except InputError as error:
-        content = path.read_bytes() if path.is_file() else b""
+        content = head_of(path) if path.is_file() else b""
         facts = {"refused": hashlib.sha256(content).hexdigest(), "overrides": list(overrides), "error": str(error)}
         return CampaignSession(path, None, str(error), path.stem, path.stem, session_key(path, facts, versions))
     return CampaignSession(path, config, "", config.name, config.name, config_key(path, config, versions, out))

@@ -10,9 +10,11 @@ from pydantic_core import ErrorDetails
 from jaxgeo.config.fields import Section
 from jaxgeo.config.schema import SessionConfig
 from jaxgeo.errors import ConfigError
-from jaxgeo.io.yaml_text import dump_yaml, parse_yaml
+from jaxgeo.io.regular_file import read_whole
+from jaxgeo.io.yaml_text import MAX_BYTES, dump_yaml, parse_yaml
 
 _SIGHTING_KINDS = ("corners", "poses", "images", "control_points", "from_trajectory")
+CONFIG_BYTES = 4 * MAX_BYTES  # a character of UTF-8 has up to four
 Config = TypeVar("Config", bound=Section)
 
 
@@ -34,7 +36,7 @@ def read_config(path: Path | str, kind: type[Config], overrides: Sequence[str] =
     """
     path = Path(path)
     try:
-        text = path.read_bytes().decode("utf-8-sig")
+        text = read_whole(path, ConfigError, CONFIG_BYTES).decode("utf-8-sig")
         data = parse_yaml(text)
     except OSError as error:
         raise ConfigError(f"{path}: cannot read the config: {error.strerror or error}") from None
@@ -61,7 +63,8 @@ def dump_config(config: Section) -> str:
 
 def _set(data: dict[str, Any], override: str) -> None:
     """Set one `key.sub=value` in place."""
-    place = f"--set {override}"
+    # Bytes of the command line that are no text would not print
+    place = f"--set {override.encode('utf-8', 'backslashreplace').decode()[:200]}"
     dotted, equals, text = override.partition("=")
     keys = dotted.split(".")
     if not equals or not all(keys):

@@ -5,7 +5,6 @@ middle, and the overlap with the labels (soft Dice) is climbed with Adam from se
 steep. What is returned is judged by the hard mask that detection uses.
 """
 
-import csv
 import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
@@ -17,6 +16,8 @@ from jaxtyping import Bool, Float, UInt8
 
 from jaxgeo.detect.mask import HsvRange, hsv_mask
 from jaxgeo.errors import DetectError
+from jaxgeo.io.sightings_csv import LARGEST_PIXEL
+from jaxgeo.io.text_file import read_lines
 
 _MOST_PIXELS = 200_000
 _STEPS, _RATE = 300, 0.05
@@ -179,21 +180,24 @@ def _iou(frames: Sequence[LabelledFrame], hsv: HsvRange) -> float:
 
 
 def _polygons(path: Path) -> dict[str, list[Float[np.ndarray, "k 2"]]]:
-    if not path.exists():
+    if not path.exists() or not path.stat().st_size:
         return {}
     found: dict[str, list[Float[np.ndarray, "k 2"]]] = {}
-    with path.open(newline="", encoding="utf-8") as file:
-        for line, row in enumerate(csv.reader(file), start=1):
-            cells = [cell.strip() for cell in row if cell.strip()]
-            if not cells or cells[0].startswith("#") or cells[0] == "image":
-                continue
-            try:
-                corners = np.array(cells[1:], dtype=np.float64)
-            except ValueError:
-                raise DetectError(f"{path}:{line}: {cells[1:]} are not numbers; expected x0, y0, x1, y1, ..") from None
-            if len(corners) < 6 or len(corners) % 2 or not np.isfinite(corners).all():
-                raise DetectError(f"{path}:{line}: {len(corners)} numbers; expected x, y of three corners or more.")
-            found.setdefault(cells[0], []).append(corners.reshape(-1, 2))
+    for line, text in enumerate(read_lines(path, DetectError), start=1):
+        cells = [cell.strip().strip('"') for cell in text.split(",") if cell.strip()]
+        if not cells or cells[0].startswith("#") or cells[0] == "image":
+            continue
+        try:
+            corners = np.array(cells[1:], dtype=np.float64)
+        except ValueError:
+            shown = str(cells[1:])[:80]
+            raise DetectError(f"{path}:{line}: {shown} are not numbers; expected x0, y0, x1, y1, ..") from None
+        if len(corners) < 6 or len(corners) % 2 or not (np.abs(corners) <= LARGEST_PIXEL).all():
+            raise DetectError(
+                f"{path}:{line}: {len(corners)} numbers; expected x, y of three corners or more, at most "
+                f"{LARGEST_PIXEL:g} pixels."
+            )
+        found.setdefault(cells[0], []).append(corners.reshape(-1, 2))
     return found
 
 

@@ -1,7 +1,6 @@
 """Areas in a map: the polygons of a GeoJSON file, as outlines."""
 
 import dataclasses
-import json
 import re
 from pathlib import Path
 from typing import Any
@@ -10,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxgeo.errors import InputError
-from jaxgeo.io.text_file import read_lines
+from jaxgeo.io.json_file import read_json
 
 _EPSG = re.compile(r"(?:urn:ogc:def:crs:)?EPSG:(?:[0-9.]*:)?(\d+)", re.IGNORECASE)
 _CRS84 = re.compile(r"urn:ogc:def:crs:OGC:[0-9.]*:CRS84", re.IGNORECASE)
@@ -45,12 +44,14 @@ def read_areas(path: str | Path) -> Areas:
         kind, coordinates = geometry.get("type"), geometry.get("coordinates")
         if kind not in ("Polygon", "MultiPolygon"):
             raise InputError(
-                f"{path}: {place or 'the geometry'} is a {kind}; expected areas: Polygon or MultiPolygon. Remove it, "
-                "or draw the area around it."
+                f"{path}: {place or 'the geometry'} is a {str(kind)[:40]}; expected areas: Polygon or MultiPolygon. "
+                "Remove it, or draw the area around it."
             )
         for number, rings in enumerate([coordinates] if kind == "Polygon" else _list(path, place, coordinates), 1):
             here = f"{place or 'the geometry'}{f', polygon {number}' if kind == 'MultiPolygon' else ''}"
             polygons.append(tuple(_ring(path, here, ring) for ring in _list(path, here, rings)))
+            if not polygons[-1]:
+                raise InputError(f"{path}: {here}: a polygon without an outline. Remove it, or draw it anew.")
             places.append(f"{path}: {here}")
     if not polygons:
         raise InputError(f"{path}: has no polygon; expected the areas in which anchors may stand.")
@@ -58,12 +59,7 @@ def read_areas(path: str | Path) -> Areas:
 
 
 def _parsed(path: str | Path) -> dict[str, Any]:
-    text = "\n".join(read_lines(path, InputError))
-    try:
-        content = json.loads(text)
-    except (ValueError, RecursionError) as failure:
-        where = f"{path}:{failure.lineno}: {failure.msg}" if isinstance(failure, json.JSONDecodeError) else f"{path}"
-        raise InputError(f"{where}: not JSON; expected a GeoJSON file of polygons.") from None
+    content = read_json(path, "a GeoJSON file of polygons")
     if not isinstance(content, dict) or "type" not in content:
         raise InputError(f"{path}: is not GeoJSON (no 'type'); expected a FeatureCollection of polygons.")
     return content

@@ -1,7 +1,10 @@
 """Files and folders that appear whole or not at all."""
 
 import contextlib
+import errno
+import fcntl
 import os
+import re
 import shutil
 import signal
 import tempfile
@@ -11,6 +14,8 @@ from pathlib import Path
 
 from jaxgeo.errors import InputError
 
+_NO_PLACE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+
 
 @contextlib.contextmanager
 def atomic_path(path: str | Path) -> Iterator[Path]:
@@ -19,7 +24,7 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
     The temporary name keeps the suffix, since many writers choose their format by it. A link is followed.
 
     Raises:
-        InputError: the folder does not exist or cannot be written to, or `path` is a folder.
+        InputError: the folder does not exist or cannot be written to, `path` is a folder, or the disk is full.
     """
     target = Path(os.path.realpath(path))
     if target.is_dir():
@@ -36,6 +41,9 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
         _sync(temporary)
         os.replace(temporary, target)
         _sync(target.parent)
+    except OSError as failure:
+        _refuse_full(path, failure)
+        raise
     finally:
         temporary.unlink(missing_ok=True)
 
@@ -45,16 +53,19 @@ def output_folder(folder: str | Path) -> Iterator[Path]:
     """A temporary folder beside `folder`, whose files are moved there when the block ends well.
 
     A folder that does not exist yet appears in one step; in one that does, the files replace their namesakes one by one
-    and the others are left alone. When the block fails, nothing is moved.
+    and the others are left alone. When the block fails, nothing is moved. What an earlier process left that was killed
+    outright is removed first.
 
     Raises:
-        InputError: `folder` is a file, its parent cannot be written to, or a file would replace a folder.
+        InputError: `folder` is a file, its parent cannot be written to, a file would replace a folder, or the disk is
+            full.
     """
     check_output_folder(folder)
     target = Path(os.path.realpath(folder))
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
-        temporary = Path(tempfile.mkdtemp(dir=target.parent, prefix=f".{target.name}.", suffix=".tmp"))
+        _remove_orphans(target)
+        temporary, claim = _claimed_folder(target)
     except OSError as failure:
         raise InputError(f"{folder}: cannot write into {target.parent}: {failure.strerror}.") from None
     try:
@@ -69,8 +80,12 @@ def output_folder(folder: str | Path) -> Iterator[Path]:
             else:
                 os.replace(temporary, target)
             _sync(target.parent)
+    except OSError as failure:
+        _refuse_full(folder, failure)
+        raise
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
+        os.close(claim)
 
 
 def check_output_folder(folder: str | Path) -> None:
@@ -92,6 +107,36 @@ def write_lines(path: str | Path, lines: Iterable[str]) -> None:
     """Write a text file (UTF-8, line feeds), whole or not at all."""
     with atomic_path(path) as temporary, temporary.open("w", encoding="utf-8", newline="\n") as file:
         file.writelines(f"{line}\n" for line in lines)
+
+
+def _claimed_folder(target: Path) -> tuple[Path, int]:
+    """A new temporary folder, and the open handle whose lock says that its process lives: the lock dies with it."""
+    while True:
+        temporary = Path(tempfile.mkdtemp(dir=target.parent, prefix=f".{target.name}.", suffix=".tmp"))
+        claim = os.open(temporary, os.O_RDONLY)
+        try:
+            fcntl.flock(claim, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:  # another process took it for an orphan, just now
+            os.close(claim)
+            continue
+        except OSError:  # a file system without locks: nothing is ever taken for an orphan there
+            return temporary, claim
+        if temporary.is_dir():
+            return temporary, claim
+        os.close(claim)
+
+
+def _remove_orphans(target: Path) -> None:
+    """Remove temporary folders of processes that are gone; what cannot be locked or removed stays."""
+    ours = re.compile(rf"\.{re.escape(target.name)}\.[a-z0-9_]{{8}}\.tmp")
+    for path in [p for p in target.parent.iterdir() if ours.fullmatch(p.name) and p.is_dir() and not p.is_symlink()]:
+        with contextlib.suppress(OSError):
+            claim = os.open(path, os.O_RDONLY)
+            try:
+                fcntl.flock(claim, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                shutil.rmtree(path)
+            finally:
+                os.close(claim)
 
 
 def _move_into(target: Path, temporary: Path, files: list[Path]) -> None:
@@ -123,6 +168,15 @@ def _uninterrupted() -> Iterator[None]:
             signal.signal(number, handler)
     for number in came:
         signal.raise_signal(number)
+
+
+def _refuse_full(path: str | Path, failure: OSError) -> None:
+    """Say where there is no place: a failing write does not name its file."""
+    if failure.errno in _NO_PLACE:
+        raise InputError(
+            f"{path}: cannot be written: {failure.strerror}. Nothing of it was kept: free some space, or name another "
+            "place."
+        ) from None
 
 
 def _umask() -> int:

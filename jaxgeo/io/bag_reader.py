@@ -15,8 +15,10 @@ from typing import Any, NoReturn
 
 from jaxgeo.errors import InputError
 from jaxgeo.io.input_warning import InputWarning
+from jaxgeo.io.regular_file import check_regular
 
 BAG_SUFFIXES = (".bag", ".mcap", ".db3")
+_ROS1_MAGIC = b"#ROSBAG V"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -104,7 +106,7 @@ class BagReader:
                 try:
                     message = next(messages, None)
                 except Exception as failure:
-                    yield index, functools.partial(self._ends, index, f" ({str(failure).rstrip('.')})")
+                    yield index, functools.partial(self._ends, index, f" ({_told(failure)})")
                     return
                 if message is None:
                     yield index, functools.partial(self._ends, index, "")
@@ -119,7 +121,7 @@ class BagReader:
         try:
             content = deserialize(raw, connection.msgtype)
         except Exception as failure:
-            raise self._kind.unreadable(f"{source}: the message is damaged: {str(failure).rstrip('.')}.") from None
+            raise self._kind.unreadable(f"{source}: the message is damaged: {_told(failure)}.") from None
         stamp_ns = content.header.stamp.sec * 10**9 + content.header.stamp.nanosec
         if stamp_ns == 0 and connection.topic not in unstamped:
             unstamped.add(connection.topic)
@@ -194,8 +196,10 @@ def _opened(path: Path, kind: MessageKind) -> Iterator[Any]:
     try:
         reader = part.Reader(path)
         reader.open()
+        if not all(isinstance(connection.msgcount, int) for connection in reader.connections):
+            raise ValueError("a topic's count of messages is no number")
     except Exception as failure:  # of a damaged file: ReaderError, struct.error, AssertionError, errors of SQLite, …
-        raise kind.error(f"{path}: cannot be opened as a bag: {str(failure).rstrip('.')}. {_repair(path)}") from None
+        raise kind.error(f"{path}: cannot be opened as a bag: {_told(failure)}. {_repair(path)}") from None
     try:
         yield reader
     finally:
@@ -205,6 +209,7 @@ def _opened(path: Path, kind: MessageKind) -> Iterator[Any]:
 def _check_path(path: Path, kind: MessageKind) -> None:
     if not path.exists():
         raise kind.error(f"{path}: no such bag. Check the path (in a config: relative to the config file).")
+    check_regular(path, kind.error)
     if path.is_dir() and not (path / "metadata.yaml").exists():
         inside = sorted(p.name for p in path.iterdir() if p.suffix in BAG_SUFFIXES)
         hint = f"Name one of {', '.join(inside[:5])}." if inside else "Is it the folder of a ROS 2 bag?"
@@ -213,6 +218,19 @@ def _check_path(path: Path, kind: MessageKind) -> None:
         packed = path.suffix in (".bz2", ".gz", ".zst", ".zip", ".7z", ".xz")
         hint = " Unpack it first." if packed else ""
         raise kind.error(f"{path}: suffix {path.suffix!r}, expected .bag, .mcap, .db3 or the folder of a bag.{hint}")
+
+    if _is_ros1(path):  # in a binary file of another kind rosbags would look for the end of the first line to its end
+        with path.open("rb") as file:
+            head = file.read(len(_ROS1_MAGIC))
+        if b"\0" in head and head != _ROS1_MAGIC:
+            raise kind.error(
+                f"{path}: cannot be opened as a bag: it begins with {head!r}, expected {_ROS1_MAGIC!r}. {_repair(path)}"
+            )
+
+
+def _told(failure: Exception) -> str:
+    """What rosbags says, which may quote the whole of what it could not read."""
+    return " ".join(str(failure).split())[:200].rstrip(".")
 
 
 def _repair(path: Path) -> str:

@@ -109,7 +109,8 @@ def unit_quaternions(
     Raises:
         error: a norm is off by more than 1e-3.
     """
-    norm = np.linalg.norm(quat_wxyz, axis=1)
+    with np.errstate(over="ignore"):  # beyond float64: an infinite norm, refused below
+        norm = np.linalg.norm(quat_wxyz, axis=1)
     off = np.abs(norm - 1.0)
     if (off > NORM_TOLERANCE).any():
         row = int(np.argmax(off > NORM_TOLERANCE))

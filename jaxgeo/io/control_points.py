@@ -85,9 +85,10 @@ def _row_names(table: TextTable, roles: dict[str, int], names: Sequence[str | in
 def _mean_position(
     table: TextTable, name: str, rows: np.ndarray, enh_m: Float[np.ndarray, "n 3"]
 ) -> Float[np.ndarray, "3"]:
-    mean = enh_m[rows].mean(axis=0)
-    distance = np.linalg.norm(enh_m[rows] - mean, axis=1)
-    if distance.max() > LARGEST_SPREAD_M:
+    with np.errstate(over="ignore", invalid="ignore"):  # beyond float64: refused below
+        mean = enh_m[rows].mean(axis=0)
+        distance = np.linalg.norm(enh_m[rows] - mean, axis=1)
+    if not distance.max() <= LARGEST_SPREAD_M:
         lines = ", ".join(str(line) for line in table.line[rows])
         raise SightingError(
             f"{table.path}: location {name!r} (lines {lines}) spreads by {distance.max():.3f} m about its mean; "

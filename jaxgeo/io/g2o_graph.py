@@ -19,7 +19,7 @@ from jaxgeo.data import RelativePoses
 from jaxgeo.errors import GraphError
 from jaxgeo.io.atomic import write_lines
 from jaxgeo.io.checks import check_finite, check_size, unit_quaternions
-from jaxgeo.io.g2o_poses import VERTEX, pose_vertices, record_tags, whole_numbers
+from jaxgeo.io.g2o_poses import VERTEX, is_whole_number, pose_vertices, record_tags, whole_numbers
 from jaxgeo.io.input_warning import InputWarning
 from jaxgeo.io.text_file import read_lines
 from jaxgeo.io.text_table import TextTable, float_columns, table_of_rows
@@ -69,7 +69,7 @@ def read_g2o_graph(path: str | Path) -> G2oGraph:
     if vertices.n_landmarks:
         skipped[f"{VERTEX} of landmarks"] = vertices.n_landmarks
     if skipped:
-        found = ", ".join(f"{tag} ({count})" for tag, count in skipped.most_common())
+        found = ", ".join(f"{tag[:40]} ({count})" for tag, count in skipped.most_common(10))
         warnings.warn(
             f"{path}: records that are no part of a pose graph were skipped: {found}.", InputWarning, stacklevel=2
         )
@@ -122,6 +122,6 @@ def _rows_of(table: TextTable, column: int, row: dict[int, int]) -> Int[np.ndarr
 
 def _fixed_ids(path: str | Path, line: int, text: str, row: dict[int, int]) -> list[int]:
     words = text.split()[1:]
-    if not words or not all(word.lstrip("-").isdecimal() and int(word) in row for word in words):
+    if not words or not all(is_whole_number(word) and int(word) in row for word in words):
         raise GraphError(f"{path}:{line}: {text[:40]!r}, expected {_FIX} followed by ids of {VERTEX} records.")
     return [int(word) for word in words]

@@ -1,6 +1,7 @@
 """Poses of a g2o graph: `VERTEX_SE3:QUAT id x y z qx qy qz qw`; every other record is skipped."""
 
 import dataclasses
+import re
 from collections import Counter
 from pathlib import Path
 
@@ -17,6 +18,7 @@ from jaxgeo.io.text_table import TextTable, float_columns, table_of_rows, text_c
 
 VERTEX = "VERTEX_SE3:QUAT"
 LANDMARK_EDGE = "EDGE_SE3"
+_WHOLE_NUMBER = re.compile(r"-?[0-9]{1,30}")
 
 
 def read_g2o_poses(path: str | Path, *, times: str | Path | None = None, rate_hz: float | None = None) -> Trajectory:
@@ -71,7 +73,7 @@ def pose_vertices(path: str | Path, lines: list[str], error: type[InputError]) -
     tags = record_tags(lines)
     number = [i for i, tag in enumerate(tags) if tag == VERTEX]
     if not number:
-        found = ", ".join(f"{tag} ({count})" for tag, count in Counter(filter(None, tags)).most_common(5))
+        found = ", ".join(f"{tag[:40]} ({count})" for tag, count in Counter(filter(None, tags)).most_common(5))
         raise error(
             f"{path}: no {VERTEX} record; found {found}. Only 3-D pose graphs can be read: is the format another one?"
         )
@@ -99,9 +101,14 @@ def whole_numbers(table: TextTable, column: int, what: str) -> list[int]:
     """
     cells = text_column(table, column)
     for row, text in enumerate(cells):
-        if not text.lstrip("-").isdecimal():
-            raise table.error(f"{table.place(row)}: {what} id {text!r}, expected a whole number.")
+        if not is_whole_number(text):
+            raise table.error(f"{table.place(row)}: {what} id {text[:40]!r}, expected a whole number.")
     return [int(text) for text in cells]
+
+
+def is_whole_number(text: str) -> bool:
+    """Whether a word is an id: Latin digits, no more than any program writes."""
+    return _WHOLE_NUMBER.fullmatch(text) is not None
 
 
 def _vertex_ids(table: TextTable) -> list[int]:
@@ -117,6 +124,6 @@ def _vertex_ids(table: TextTable) -> list[int]:
 
 def _landmark_id(path: str | Path, line: int, edge: str, error: type[InputError]) -> int:
     ends = edge.split()[1:3]
-    if len(ends) < 2 or not all(end.isdecimal() for end in ends):
+    if len(ends) < 2 or not all(map(is_whole_number, ends)):
         raise error(f"{path}:{line}: {edge[:40]!r}, expected {LANDMARK_EDGE} followed by two vertex ids.")
     return max(map(int, ends))

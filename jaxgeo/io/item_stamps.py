@@ -15,6 +15,7 @@ from jaxgeo.io.frames.stamp_table import read_stamp_table
 from jaxgeo.io.frames.stamps import check_rate, number_of, seconds, stamp_in_name, unit_of
 from jaxgeo.io.input_warning import InputWarning
 from jaxgeo.io.item_source import OnBad, raised_as
+from jaxgeo.io.named_file import is_there
 from jaxgeo.io.text_table import TextTable, read_table, text_column
 
 
@@ -181,13 +182,13 @@ def _of_table(folder: Path, files: Sequence[Path], stamps: str | Path, noun: str
     rows, missing = [], []
     for row in table:
         places = [place / row.file for place in (folder, Path(stamps).parent, *{file.parent for file in files})]
-        file = next((place for place in places if place.is_file()), None)
+        file = next((place for place in places if is_there(place)), None)
         if file is None:
             missing.append(row)
         rows.append(StampedFile(row.stamp_s, file or places[0], row.place))
     if missing and (on_bad == "raise" or len(missing) == len(rows)):
         raise ScanError(
-            f"{missing[0].place}: names {missing[0].file!r}, which is not in {folder}; {len(missing)} of the "
+            f"{missing[0].place}: names {missing[0].file!r:.80}, which is not in {folder}; {len(missing)} of the "
             f"{len(rows)} rows name missing files. Is this the table of another folder? Copy the files, or remove "
             "their rows."
         )

@@ -12,6 +12,7 @@ from jaxgeo.errors import TrajectoryError
 from jaxgeo.io.atomic import write_lines
 from jaxgeo.io.checks import validated_trajectory
 from jaxgeo.io.input_warning import RoundedInputWarning
+from jaxgeo.io.pose_matrices import rotation_faults
 from jaxgeo.io.row_stamps import row_stamps
 from jaxgeo.io.text_table import TextTable, float_columns, read_table
 
@@ -53,8 +54,8 @@ def write_kitti(path: str | Path, trajectory: Trajectory, *, times: str | Path |
 
 def _quaternions(table: TextTable, matrix: Float[np.ndarray, "n 3 3"]) -> Float[np.ndarray, "n 4"]:
     """The nearest rotations, as quaternions wxyz."""
-    off = np.abs(matrix @ matrix.mT - np.eye(3)).max(axis=(1, 2))
-    wrong = (off > ROTATION_TOLERANCE) | (np.linalg.det(matrix) < 0)
+    off, mirrored = rotation_faults(matrix)
+    wrong = (off > ROTATION_TOLERANCE) | mirrored
     if wrong.any():
         row = int(np.argmax(wrong))
         problem = (

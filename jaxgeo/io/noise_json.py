@@ -1,7 +1,6 @@
 """noise.json of another session: the learned noise of one of its trajectories, read back and checked."""
 
 import dataclasses
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -10,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxgeo.errors import ConfigError
-from jaxgeo.io.text_file import read_lines
+from jaxgeo.io.json_file import read_json
 
 # A covariance is taken as one where its least eigenvalue is above minus this share of its largest.
 _ROUNDING = 1e-9
@@ -52,7 +51,9 @@ def read_noise(path: str | Path, components: Sequence[str], trajectory: str | No
         ConfigError: the file is no noise.json, was cut off, holds several trajectories and none is named, has nothing
             learned, or numbers that cannot be noise; with file and key.
     """
-    content = _parsed(path)
+    content = read_json(path, "a noise.json", ConfigError)
+    if not isinstance(content, dict):
+        raise ConfigError(f"{path}: holds a {type(content).__name__}; expected a noise.json, with 'trajectories'")
     trajectories = _mapping(path, content, "trajectories")
     name = _which(path, trajectories, trajectory)
     stages = _mapping(path, trajectories, name, "trajectories")
@@ -97,20 +98,8 @@ def read_noise(path: str | Path, components: Sequence[str], trajectory: str | No
     )
 
 
-def _parsed(path: str | Path) -> dict[str, Any]:
-    text = "\n".join(read_lines(path, ConfigError))
-    try:
-        content = json.loads(text)
-    except (ValueError, RecursionError) as failure:
-        where = f"{path}:{failure.lineno}: {failure.msg}" if isinstance(failure, json.JSONDecodeError) else f"{path}"
-        raise ConfigError(f"{where}: not JSON. Expected a noise.json; was writing it cut off?") from None
-    if not isinstance(content, dict):
-        raise ConfigError(f"{path}: holds a {type(content).__name__}; expected a noise.json, with 'trajectories'")
-    return content
-
-
 def _which(path: str | Path, trajectories: dict[str, Any], wanted: str | None) -> str:
-    known = ", ".join(map(str, trajectories))
+    known = ", ".join(map(str, trajectories))[:400]
     if wanted is not None:
         if wanted not in trajectories:
             raise ConfigError(f"{path}: has no trajectory {wanted!r}, which noise.trajectory names (known: {known})")
@@ -128,8 +117,8 @@ def _order(path: str | Path, place: str, found: Any, wanted: Sequence[str]) -> l
         raise _wrong(
             path,
             f"{place}.components",
-            f"differs from the noise components of this version ({', '.join(odd) or 'one stands twice'}): learn it "
-            "anew with jaxgeo calibrate",
+            f"differs from the noise components of this version ({', '.join(odd)[:400] or 'one stands twice'}): learn "
+            "it anew with jaxgeo calibrate",
         )
     return [names.index(name) for name in wanted]
 

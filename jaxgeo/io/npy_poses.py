@@ -8,6 +8,7 @@ from jaxgeo.data import Trajectory
 from jaxgeo.errors import TrajectoryError
 from jaxgeo.io.checks import validated_trajectory
 from jaxgeo.io.pose_matrices import check_poses, pose_parts
+from jaxgeo.io.regular_file import MOST_BYTES, check_regular
 from jaxgeo.io.row_stamps import row_stamps
 
 _LAST_ROW_TOLERANCE = 1e-9
@@ -40,6 +41,7 @@ def read_npy_poses(path: str | Path, *, times: str | Path | None = None, rate_hz
 
 
 def _array(path: str | Path) -> np.ndarray:
+    check_regular(path, TrajectoryError)
     try:
         # Mapped, not read: a header that announces more than the file holds is refused before memory is asked for.
         stored = np.load(path, mmap_mode="r", allow_pickle=False)
@@ -47,7 +49,7 @@ def _array(path: str | Path) -> np.ndarray:
         raise TrajectoryError(f"{path}: no such file. Check the path (in a config: relative to the config).") from None
     except IsADirectoryError:
         raise TrajectoryError(f"{path}: is a folder, expected a .npy file. Name the file in it.") from None
-    except (ValueError, OSError, EOFError) as failure:
+    except Exception as failure:  # of a damaged head: ValueError, EOFError, TokenError, SyntaxError, ...
         why = " ".join(str(failure).split())[:120]
         raise TrajectoryError(f"{path}: is no whole NumPy array (.npy): {why}. Is it of another format?") from None
     if not isinstance(stored, np.ndarray):
@@ -56,4 +58,5 @@ def _array(path: str | Path) -> np.ndarray:
         raise TrajectoryError(
             f"{path}: an array {stored.shape} of {stored.dtype}; expected (n, 4, 4) or (n, 3, 4) numbers: a pose each."
         )
+    check_regular(path, TrajectoryError, MOST_BYTES)
     return np.array(stored, dtype=np.float64)

@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import UInt8
 
 from jaxgeo.errors import InputError
+from jaxgeo.io.regular_file import check_regular
 
 Bounds = tuple[float, float, float, float]  # west, south, east, north
 _WARP_ACCURACY_PX = 0.125  # of GDAL's approximation of the exact transformation, of a pixel shown
@@ -56,9 +57,11 @@ def read_orthophoto(path: str | Path, crs: str, bounds_en_m: Bounds, most_px: in
     with _opened(rasterio, path) as source:
         _check_place(path, source)
         # The box of a rotated or warped file is larger than what it covers: transparent corners, no harm
-        covered = transform_bounds(source.crs, target, *_box(source), densify_pts=21)
+        with _in_words(rasterio, path):
+            covered = transform_bounds(source.crs, target, *_box(source), densify_pts=21)
         box = _overlap(path, bounds_en_m, covered)
-        width, height = _size(source, target, box, bounds_en_m, most_px)
+        with _in_words(rasterio, path):
+            width, height = _size(source, target, box, bounds_en_m, most_px)
         place = rasterio.transform.from_bounds(*box, width, height)
         view = {"crs": target, "transform": place, "width": width, "height": height, "tolerance": _WARP_ACCURACY_PX}
         has_alpha = rasterio.enums.ColorInterp.alpha in source.colorinterp
@@ -93,6 +96,7 @@ def _rasterio() -> Any:
 def _opened(rasterio: Any, path: str | Path) -> Any:
     if not Path(path).exists():
         raise InputError(f"{path}: no such file. Check the path (in a config: relative to the config file).")
+    check_regular(path)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", rasterio.errors.NotGeoreferencedWarning)  # refused below, in our words
@@ -107,6 +111,20 @@ def _readable(rasterio: Any, path: str | Path) -> Iterator[None]:
         yield
     except rasterio.errors.RasterioError as failure:
         raise InputError(f"{path}: its pixels cannot be read ({failure}). Is the file whole?") from None
+
+
+@contextlib.contextmanager
+def _in_words(rasterio: Any, path: str | Path) -> Iterator[None]:
+    """Refuse a file whose place GDAL cannot put into the box's system."""
+    from rasterio._err import CPLE_BaseError  # what GDAL says of coordinates rasterio passes on as it is
+
+    try:
+        yield
+    except (rasterio.errors.RasterioError, CPLE_BaseError) as failure:
+        raise InputError(
+            f"{path}: its coordinate system or its place cannot be used ({' '.join(str(failure).split())[:200]}). Is "
+            "it a local system, or is the file damaged? Warp it: gdalwarp -t_srs EPSG:<code> FILE OUT."
+        ) from None
 
 
 def _check_place(path: str | Path, source: Any) -> None:

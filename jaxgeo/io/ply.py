@@ -8,6 +8,7 @@ are left alone.
 import contextlib
 import dataclasses
 import itertools
+import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import TracebackType
@@ -17,6 +18,7 @@ import numpy as np
 
 from jaxgeo.errors import CloudError, InputError
 from jaxgeo.io.atomic import atomic_path
+from jaxgeo.io.regular_file import check_regular
 
 _TYPES = {
     **{"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"},
@@ -90,8 +92,9 @@ def read_ply_header(path: str | Path, error: type[InputError] = CloudError) -> P
         line = len(lines)
         for element in before:
             if order == "ascii":
-                offset += sum(map(len, itertools.islice(file, element.count)))
-                line += element.count
+                for row in itertools.islice(file, min(element.count, sys.maxsize)):
+                    offset += len(row)
+                    line += 1
             else:
                 offset += element.count * np.dtype(element.fields).itemsize
     dtype = np.dtype([(name, _BYTE_ORDER[order] + code) for name, code in vertex.fields])
@@ -166,6 +169,7 @@ class PlyWriter:
 
 @contextlib.contextmanager
 def _opened(path: str | Path, error: type[InputError]) -> Iterator[IO[bytes]]:
+    check_regular(path, error)
     try:
         file = Path(path).open("rb")  # noqa: SIM115 (closed below; only a failure to open is to be caught)
     except FileNotFoundError:
@@ -256,7 +260,8 @@ def _numbers_of(path: str | Path, header: PlyHeader, rows: list[bytes], first_li
         kind = header.dtype[name]
         if kind.kind in "iu":
             limits = np.iinfo(kind)
-            wrong = ~((values[:, i] >= limits.min) & (values[:, i] <= limits.max)) | (values[:, i] % 1 != 0)
+            inside = (values[:, i] >= limits.min) & (values[:, i] <= limits.max)
+            wrong = ~inside | (values[:, i] != np.floor(values[:, i]))
             if wrong.any():
                 row = int(np.argmax(wrong))
                 raise header.error(

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from scipy.spatial.transform import Rotation
 
 from jaxgeo.errors import InputError
@@ -27,8 +27,8 @@ def check_poses(poses: Float[np.ndarray, "n r 4"], place: Callable[[int], str], 
         row = int(np.argmax(wrong))
         raise error(f"{place(row)}: the pose holds {_odd(poses[row])}; expected finite numbers. Is the file damaged?")
     rotation = poses[:, :3, :3]
-    off = np.abs(rotation @ rotation.mT - np.eye(3)).max(axis=(1, 2), initial=0.0)
-    wrong = (off > ROTATION_TOLERANCE) | (np.linalg.det(rotation) < 0)
+    off, mirrored = rotation_faults(rotation)
+    wrong = (off > ROTATION_TOLERANCE) | mirrored
     if wrong.any():
         row = int(np.argmax(wrong))
         problem = (
@@ -37,6 +37,15 @@ def check_poses(poses: Float[np.ndarray, "n r 4"], place: Callable[[int], str], 
             else "R is a reflection (determinant -1), expected a rotation"
         )
         raise error(f"{place(row)}: {problem}. Is the pose the rows of [R | t], without a scale?")
+
+
+def rotation_faults(matrix: Float[np.ndarray, "n 3 3"]) -> tuple[Float[np.ndarray, "n"], Bool[np.ndarray, "n"]]:
+    """How far R R^T is off the identity (infinite where beyond float64), and whether R is a reflection."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        off = np.abs(matrix @ matrix.mT - np.eye(3)).max(axis=(1, 2), initial=0.0)
+    off = np.where(np.isnan(off), np.inf, off)
+    near = np.where((off < 1.0)[:, None, None], matrix, np.eye(3))
+    return off, np.linalg.det(near) < 0
 
 
 def pose_parts(poses: Float[np.ndarray, "n r 4"]) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 4"]]:

@@ -30,6 +30,7 @@ from jaxgeo.io.yaml_file import read_yaml
 
 DISTORTION_COUNTS = {"radtan": (4, 5), "equidistant": (4,), "none": (0,)}
 ROTATION_TOLERANCE = 1e-4
+_LARGEST = 1e8  # of anything in pixels, metres or radians
 _ROTATIONS = ("rotvec_body_cam_rad", "quat_body_cam_wxyz", "R_body_cam")
 _OPTICS = ("model", "intrinsics_px", "distortion_model", "distortion", "resolution_px")
 _CAMERA_KEYS = (*_OPTICS, "t_body_cam_m", *_ROTATIONS, "T_rig_cam")
@@ -81,7 +82,7 @@ def _camera(place: str, camera: Any, T_rig_body: Pose | None) -> Camera:
 
 def _distortion(place: str, camera: Mapping[str, Any]) -> tuple[str, Float[np.ndarray, "k"]]:
     model = camera.get("distortion_model")
-    if model not in DISTORTION_COUNTS:
+    if not isinstance(model, str) or model not in DISTORTION_COUNTS:
         raise SightingError(f"{place}: distortion_model: {model!r}; expected one of {', '.join(DISTORTION_COUNTS)}.")
     given = camera.get("distortion") or []
     counts = DISTORTION_COUNTS[model]
@@ -163,10 +164,12 @@ def _numbers(
         raise SightingError(f"{place}: {key} is missing; expected {expected}.")
     try:
         values = np.array(mapping[key], dtype=np.float64)
-    except (TypeError, ValueError):
-        raise SightingError(f"{place}: {key}: {mapping[key]!r}; expected {expected}.") from None
-    if values.shape != shape or not np.isfinite(values).all():
-        raise SightingError(f"{place}: {key}: {mapping[key]!r}; expected {expected}, finite.")
+    except (TypeError, ValueError, OverflowError):
+        raise SightingError(f"{place}: {key}: {mapping[key]!r:.200}; expected {expected}.") from None
+    if values.shape != shape or not (np.abs(values) <= _LARGEST).all():
+        raise SightingError(
+            f"{place}: {key}: {mapping[key]!r:.200}; expected {expected}, finite, at most {_LARGEST:g}."
+        )
     return values
 
 

@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from jaxgeo.data import Rig
 from jaxgeo.errors import SightingError
+from jaxgeo.io.checks import LARGEST_POSITION_M
 from jaxgeo.io.text_table import TextTable, float_columns
 
 COVARIANCE = tuple(f"cov_{i}{j}" for i in range(6) for j in range(i, 6))
@@ -49,13 +50,14 @@ def row_covariances(
     for block, (role, default, needed) in enumerate(blocks):
         sigma = optional_column(table, roles, role, np.nan)
         sigma = np.where(np.isnan(sigma) & (default is not None), np.nan if default is None else default, sigma)
-        bad = needed & ~(np.isfinite(sigma) & (sigma > 0))
+        bad = needed & ~((sigma > 0) & (sigma <= LARGEST_POSITION_M))
         if bad.any():
             row = int(np.argmax(bad))
             value = "is missing" if np.isnan(sigma[row]) else f"is {sigma[row]:g}"
             mend = "" if role == "sigma_m" else ", or leave the quaternion columns out"
             raise SightingError(
-                f"{table.place(row)}: {role} {value}; expected a positive number, as an argument or a column{mend}."
+                f"{table.place(row)}: {role} {value}; expected a positive number, at most {LARGEST_POSITION_M:g}, as "
+                f"an argument or a column{mend}."
             )
         diagonal = np.arange(3 * block, 3 * block + 3)
         covariance[:, diagonal, diagonal] = np.where(needed, sigma, 0.0)[:, None] ** 2

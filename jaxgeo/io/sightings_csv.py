@@ -186,12 +186,12 @@ def _check_corners(table: TextTable, corners_px: Float[np.ndarray, "n 4 2"]) -> 
 
 def _corner_covariances(table: TextTable, roles: Mapping[str, int]) -> Float[np.ndarray, "n 8 8"] | None:
     sigma_px = optional_column(table, roles, "sigma_px", np.nan)
-    bad = ~np.isnan(sigma_px) & ~(np.isfinite(sigma_px) & (sigma_px > 0.0))
+    bad = ~np.isnan(sigma_px) & ~((sigma_px > 0.0) & (sigma_px <= LARGEST_PIXEL))
     if bad.any():
         row = int(np.argmax(bad))
         raise SightingError(
             f"{table.place(row)}: sigma_px is {sigma_px[row]:g}; expected the standard deviation of the corners, above "
-            "zero, in pixels, or an empty cell where it is not known."
+            f"zero and at most {LARGEST_PIXEL:g}, in pixels, or an empty cell where it is not known."
         )
     return None if np.isnan(sigma_px).all() else sigma_px[:, None, None] ** 2 * np.eye(8)
 

@@ -173,9 +173,11 @@ def _sigmas(
                 f"{place}: location {name!r} has no standard deviation in {axis}; add columns sigma_N, sigma_E, "
                 "sigma_h, or set `sigma_m`, in metres."
             )
-        if not (row > 0).all():
+        if not ((row > 0) & (row <= LARGEST_POSITION_M)).all():
+            odd = row.min() if row.min() <= 0 else row.max()
             raise SurveyError(
-                f"{place}: location {name!r} has the standard deviation {row.min():g} m; expected a positive number."
+                f"{place}: location {name!r} has the standard deviation {odd:g} m; expected a positive number, at most "
+                f"{LARGEST_POSITION_M:g}."
             )
     return sigmas if sigma_floor_m is None else np.maximum(sigmas, _three(sigma_floor_m, "sigma_floor_m"))
 

@@ -3,16 +3,20 @@
 from pathlib import Path
 
 from jaxgeo.errors import InputError
+from jaxgeo.io.regular_file import head_of, read_whole
 
 
 def read_lines(path: str | Path, error: type[InputError] = InputError) -> list[str]:
     """All lines of a UTF-8 text file, without line ends; a byte order mark is dropped.
 
     Raises:
-        error: the file is missing, a folder, unreadable, empty, or not text.
+        error: the file is missing, a folder, a device, unreadable, empty, not text, or too large to be held in memory.
     """
     try:
-        data = Path(path).read_bytes()
+        head = head_of(path, error)
+        if b"\0" in head:  # before its size: a large file is rather of another kind than a large table
+            raise error(_not_text(path, head, head.index(0)))
+        data = read_whole(path, error)
     except FileNotFoundError:
         raise error(f"{path}: no such file. Check the path (in a config: relative to the config file).") from None
     except IsADirectoryError:

@@ -19,6 +19,7 @@ from jaxgeo.io.text_file import read_lines
 
 _UNIT = re.compile(r"\s*(\([^()]*\)|\[[^\[\]]*\])")
 _BLOCK_ROWS = 10_000
+_LONGEST_NAME = 200  # of a column: what is longer is no header, and would fill the screen
 _DELIMITER_NAMES = {None: "blanks", ",": "comma", ";": "semicolon", "\t": "tab"}
 
 
@@ -76,7 +77,9 @@ def read_table(path: str | Path, *, delimiter: str | None = None, error: type[In
     if titled:
         number = number[1:]
         if not number:
-            raise error(f"{path}:{len(lines)}: a header ({title.strip()!r}) but no data rows. Is the file complete?")
+            raise error(
+                f"{path}:{len(lines)}: a header ({title.strip()[:80]!r}) but no data rows. Is the file complete?"
+            )
     rows = [lines[i - 1] for i in number]
     table = table_of_rows(path, rows, np.array(number), delimiter=_chosen(delimiter, rows[0]), error=error)
     titles = [title] if titled else [text.lstrip("# ") for text in stripped[: number[0] - 1] if text]
@@ -223,6 +226,7 @@ def _header(titles: list[str], table: TextTable) -> tuple[str, ...]:
     """Names from the last line above the data that has one name for each column."""
     for title in reversed(titles):
         names = [cell.strip('"') for cell in _split(_UNIT.sub("", title), table.delimiter)]
-        if len(names) == table.n_columns and all(names) and not any(_is_number(name) for name in names):
+        sound = all(0 < len(name) <= _LONGEST_NAME and not _is_number(name) for name in names)
+        if len(names) == table.n_columns and sound:
             return tuple(names)
     return ()

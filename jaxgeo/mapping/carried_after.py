@@ -75,7 +75,10 @@ def read_corrected(path: str | Path, name: str | None = None, crs: str | None = 
     origin = heading.origin_enh_m
     if origin is None:
         in_grid, origin = True, default_origin(trajectory.position_m)
-    frame = LocalFrame.create(chosen, origin)
+    try:
+        frame = LocalFrame.create(chosen, origin)
+    except SurveyError as failure:
+        raise SurveyError(f"{file}: {failure}") from None
     if in_grid:
         position_m = frame.to_local(trajectory.position_m)
         trajectory = Trajectory(trajectory.stamp_s, position_m, trajectory.quat_wxyz)

@@ -10,14 +10,16 @@ import numpy as np
 
 from jaxgeo.errors import CloudError, InputError
 from jaxgeo.io.clouds.chunk import CloudChunk, warn_left_out
+from jaxgeo.io.clouds.las_head import las_problem
 from jaxgeo.io.clouds.laszip_head import laszip_problem
 from jaxgeo.io.clouds.source import CHUNK, CloudSource
+from jaxgeo.io.regular_file import check_regular
 
 _SHARED = {"gps_time": "stamp_s", "scan_angle_rank": "scan_angle"}
 _RANK_STEP = 0.006  # degrees in a step of `scan_angle` (point formats 6 and above); `scan_angle_rank` is in degrees
 FLOAT = "_float"  # behind the name of a standard dimension: a float column that could not be put into it
 _WAVE = ("wavepacket_index", "wavepacket_offset", "wavepacket_size", "return_point_wave_location", "x_t", "y_t", "z_t")
-_UNDECODABLE = (RuntimeError, ValueError, OSError, EOFError, struct.error, OverflowError, MemoryError)
+_UNDECODABLE = (RuntimeError, ValueError, OSError, EOFError, struct.error, ArithmeticError, LookupError, MemoryError)
 
 
 class LasCloud(CloudSource):
@@ -81,10 +83,13 @@ class LasCloud(CloudSource):
 
     @contextlib.contextmanager
     def _reader(self, **options: Any) -> Iterator[Any]:
+        check_regular(self.path, CloudError)
         laspy = laspy_library()
         with contextlib.ExitStack() as stack:
             with self._decoding("at its head"):
                 try:
+                    if problem := las_problem(self.path):
+                        raise ValueError(problem)
                     reader = stack.enter_context(laspy.open(self.path, **options))
                 except FileNotFoundError:
                     raise CloudError(f"{self.path}: no such file. Check the path.") from None

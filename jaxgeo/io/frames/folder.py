@@ -12,6 +12,8 @@ from jaxgeo.io.frames.pixels import decoded_image
 from jaxgeo.io.frames.stamp_table import StampRow, read_stamp_table
 from jaxgeo.io.frames.stamps import check_rate, stamp_in_name
 from jaxgeo.io.input_warning import InputWarning
+from jaxgeo.io.named_file import is_there
+from jaxgeo.io.regular_file import read_whole
 
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".webp", ".pgm", ".ppm")
 
@@ -74,7 +76,7 @@ class FolderFrames(FrameSource):
     def _frame(self, index: int) -> Frame:
         row = self._rows[index]
         try:
-            data = Path(row.file).read_bytes()
+            data = read_whole(row.file, UnreadableImageError)
         except FileNotFoundError:
             named = f" ({row.place} names it)" if row.place != row.file else ""
             raise UnreadableImageError(f"{row.file}: no such file{named}. Was it moved or not copied?") from None
@@ -114,7 +116,7 @@ def _rows_of_table(folder: Path, stamps: str | Path, images: list[Path], on_bad:
         rows.append(StampRow(row.stamp_s, str(file or folder / row.file), row.camera, row.place))
     if missing and (on_bad == "raise" or len(missing) == len(rows)):
         raise DetectError(
-            f"{missing[0].place}: names {missing[0].file!r}, which is not in {folder}; {len(missing)} of the "
+            f"{missing[0].place}: names {missing[0].file!r:.80}, which is not in {folder}; {len(missing)} of the "
             f"{len(rows)} rows name missing images. Is this the table of another folder? Copy the images, or remove "
             "their rows."
         )
@@ -125,7 +127,7 @@ def _rows_of_table(folder: Path, stamps: str | Path, images: list[Path], on_bad:
 
 def _place_of(name: str, folder: Path, beside: Path) -> Path | None:
     """Where an image of a table lies; None where it is missing."""
-    return next((place for place in (folder / name, beside / name) if place.is_file()), None)
+    return next((place for place in (folder / name, beside / name) if is_there(place)), None)
 
 
 def _rows_of_names(folder: Path, images: list[Path]) -> list[StampRow]:

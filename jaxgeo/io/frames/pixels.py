@@ -5,6 +5,7 @@ import numpy as np
 from jaxtyping import UInt8
 
 from jaxgeo.io.frames.frame import UnreadableImageError
+from jaxgeo.io.frames.image_size import MOST_PIXELS, claimed_size
 
 
 def decoded_image(data: bytes, source: str) -> UInt8[np.ndarray, "h w 3"]:
@@ -13,10 +14,11 @@ def decoded_image(data: bytes, source: str) -> UInt8[np.ndarray, "h w 3"]:
     Rows and columns stay as stored: the rotation that EXIF may ask for is not applied.
 
     Raises:
-        UnreadableImageError: it is empty, cut off, damaged, or no image.
+        UnreadableImageError: it is empty, cut off, damaged, too large, or no image.
     """
     if not len(data):
         raise UnreadableImageError(f"{source}: the image is empty. Was writing it cut off? Copy or record it again.")
+    check_claimed_size(data, source)
     try:
         image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
     except cv2.error:
@@ -27,3 +29,17 @@ def decoded_image(data: bytes, source: str) -> UInt8[np.ndarray, "h w 3"]:
             "decode. Is it cut off, or of another format than its name says? Copy it again, or save it as PNG or JPEG."
         )
     return image
+
+
+def check_claimed_size(data: bytes, source: str) -> None:
+    """Refuse an image whose head claims more pixels than a camera takes: a small file can be made to fill the memory.
+
+    Raises:
+        UnreadableImageError: with the size.
+    """
+    size = claimed_size(data)
+    if size is not None and size[0] * size[1] > MOST_PIXELS:
+        raise UnreadableImageError(
+            f"{source}: claims {size[0]} x {size[1]} pixels, expected at most {MOST_PIXELS:,} in all. Is it "
+            "damaged, or made to fill the memory?"
+        )

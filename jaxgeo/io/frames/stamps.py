@@ -11,18 +11,21 @@ from jaxgeo.errors import DetectError
 POWERS = {"s": 0, "ms": -3, "us": -6, "ns": -9}
 LARGEST_SECONDS = Decimal("1e11")  # the year 5138
 SMALLEST_EPOCH_NS = Decimal("1e17")  # the year 1973
+_LARGEST_EXPONENT = 25  # of any unit: LARGEST_SECONDS in nanoseconds, and some
 
 # A number that ends the name, alone or behind a separator: seconds have a decimal point, nanoseconds 18 or 19 digits
 _IN_NAME = re.compile(r"(?:^|.*[^0-9.])(\d+\.\d+|\d{18,19})$")
 
 
 def number_of(text: str) -> Decimal | None:
-    """A finite decimal number, all of its digits kept; None where the text is none."""
+    """A decimal number with all of its digits; None where the text is none, or of a size that no stamp has."""
     try:
         number = Decimal(text)
     except InvalidOperation:
         return None
-    return number if number.is_finite() and "_" not in text else None
+    if "_" in text or not text.isascii() or not number.is_finite():
+        return None
+    return number if number.is_zero() or number.adjusted() <= _LARGEST_EXPONENT else None
 
 
 def seconds(number: Decimal, unit: str) -> float:
@@ -45,8 +48,8 @@ def unit_of(numbers: Sequence[Decimal], place: str) -> str:
         return "ns"
     odd = next(number for number in numbers if abs(number) >= LARGEST_SECONDS)
     raise DetectError(
-        f"{place}: stamp {odd} is neither of the size of seconds nor of nanoseconds since 1970. Say the unit in the "
-        "header: stamp_s, stamp_ms, stamp_us or stamp_ns."
+        f"{place}: stamp {str(odd)[:40]} is neither of the size of seconds nor of nanoseconds since 1970. Say the unit "
+        "in the header: stamp_s, stamp_ms, stamp_us or stamp_ns."
     )
 
 

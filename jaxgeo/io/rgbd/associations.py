@@ -5,6 +5,7 @@ from pathlib import Path
 
 from jaxgeo.errors import ScanError
 from jaxgeo.io.item_stamps import increasing_stamps
+from jaxgeo.io.named_file import is_there
 from jaxgeo.io.text_table import read_table, text_column
 
 
@@ -35,10 +36,10 @@ def read_associations(path: Path) -> list[ImagePair]:
     pairs = []
     names = zip(text_column(table, colour), text_column(table, depth), strict=True)
     for row, (stamp_of_pair_s, files) in enumerate(zip(stamp_s.tolist(), names, strict=True)):
-        absent = next((name for name in files if not (path.parent / name).is_file()), None)
+        absent = next((name for name in files if not is_there(path.parent / name)), None)
         if absent is not None:
             raise ScanError(
-                f"{table.place(row)}: names {absent!r}, which is not in {path.parent}. Copy it, or remove the row."
+                f"{table.place(row)}: names {absent!r:.80}, which is not in {path.parent}. Copy it, or remove the row."
             )
         pairs.append(ImagePair(stamp_of_pair_s, path.parent / files[0], path.parent / files[1]))
     return pairs

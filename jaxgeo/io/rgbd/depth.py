@@ -9,6 +9,9 @@ import numpy as np
 from jaxtyping import Float32
 
 from jaxgeo.errors import ScanError
+from jaxgeo.io.frames.pixels import check_claimed_size
+from jaxgeo.io.item_source import raised_as
+from jaxgeo.io.regular_file import read_whole
 from jaxgeo.io.rgbd.rgbd_source import UnreadableFrameError
 
 NO_DEPTH = 65535  # what 7-Scenes writes, besides 0; at 1 mm a step it would be 65.5 m
@@ -37,7 +40,7 @@ def depth_of_file(path: Path, depth_unit_m: float) -> Float32[np.ndarray, "h w"]
         UnreadableFrameError: no such file, not an image, or not a depth image.
     """
     try:
-        data = path.read_bytes()
+        data = read_whole(path, UnreadableFrameError)
     except FileNotFoundError:
         raise UnreadableFrameError(f"{path}: no such file. Was it moved or not copied?") from None
     except OSError as failure:
@@ -108,6 +111,8 @@ def metres(raw: np.ndarray, depth_unit_m: float, source: str) -> Float32[np.ndar
 
 
 def _decoded(data: bytes, source: str) -> np.ndarray:
+    with raised_as(UnreadableFrameError):
+        check_claimed_size(data, source)
     try:
         raw = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if data else None
     except cv2.error:

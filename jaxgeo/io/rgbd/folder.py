@@ -9,6 +9,7 @@ from jaxgeo.errors import ScanError
 from jaxgeo.io.frames.pixels import decoded_image
 from jaxgeo.io.item_source import OnBad, raised_as
 from jaxgeo.io.item_stamps import StampedFile, check_stamp_choice, stamped_files
+from jaxgeo.io.regular_file import read_whole
 from jaxgeo.io.rgbd.associations import ImagePair, read_associations
 from jaxgeo.io.rgbd.depth import check_depth_unit, depth_of_file
 from jaxgeo.io.rgbd.layout import RgbdFiles, rgbd_files
@@ -108,7 +109,7 @@ class FolderRgbd(RgbdSource):
     def _frame(self, index: int) -> RgbdFrame:
         pair = self._pairs[index]
         try:
-            data = pair.colour.read_bytes()
+            data = read_whole(pair.colour, UnreadableFrameError)
         except FileNotFoundError:
             raise UnreadableFrameError(f"{pair.colour}: no such file. Was it moved or not copied?") from None
         except OSError as failure:

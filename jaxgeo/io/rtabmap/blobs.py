@@ -53,7 +53,8 @@ def numbers(data: bytes, dtype: str, count: int, place: str) -> Float[np.ndarray
     expected = count * np.dtype(dtype).itemsize
     if len(data) != expected:
         raise InputError(f"{place}: {len(data)} bytes, expected {expected} ({count} numbers). Is the value cut off?")
-    return np.frombuffer(data, dtype).astype(np.float64)
+    with np.errstate(invalid="ignore"):  # NaN of the signalling kind
+        return np.frombuffer(data, dtype).astype(np.float64)
 
 
 def compressed_array(data: bytes, place: str) -> np.ndarray:

@@ -19,6 +19,7 @@ from jaxtyping import Float
 from jaxgeo.data import Camera, Rig
 from jaxgeo.errors import ScanError
 from jaxgeo.io.pose_matrices import check_poses, pose_parts
+from jaxgeo.io.rtabmap.blobs import numbers
 
 _MONO = struct.Struct("<11i")
 _STEREO = struct.Struct("<10i")
@@ -147,7 +148,7 @@ def _mono(data: bytes, at: int, place: str) -> tuple[StoredCamera, int]:
         size = count * np.dtype(dtype).itemsize
         if len(data) - at < size:
             raise ScanError(f"{place}: ends within a camera, at byte {len(data)}. Is the value cut off?")
-        parts.append(np.frombuffer(data, dtype, count, at).astype(np.float64))
+        parts.append(numbers(data[at : at + size], dtype, count, place))
         at += size
     K, D, _, P, local = parts
     pose = local.reshape(3, 4) if len(local) else np.zeros((3, 4))
@@ -160,8 +161,8 @@ def _stereo(data: bytes, at: int, place: str) -> tuple[list[StoredCamera], int]:
         if count not in known:
             raise ScanError(f"{place}: {count} numbers of the stereo {name}; expected {' or '.join(map(str, known))}.")
     start = at + _STEREO.size + 8 * sum(counts)
-    extrinsics = np.frombuffer(data[at + _STEREO.size : start][: 8 * (counts[0] + counts[1])], "<f8")
-    left, at = _mono(data, start, place)
+    left, at = _mono(data, start, place)  # refuses what ends before it
+    extrinsics = np.frombuffer(data, "<f8", counts[0] + counts[1], start - 8 * sum(counts))
     right, end = _mono(data, at, place)
     if (at - start, end - at) != (left_bytes, right_bytes):
         raise ScanError(
@@ -169,11 +170,14 @@ def _stereo(data: bytes, at: int, place: str) -> tuple[list[StoredCamera], int]:
             f"{end - at}. Is the value damaged?"
         )
     if left.P is not None and right.P is not None and right.P[0, 0] > 0:
-        right = _beside(left, right, -right.P[0, 3] / right.P[0, 0])
+        with np.errstate(over="ignore", invalid="ignore"):
+            baseline_m = -right.P[0, 3] / right.P[0, 0]
+        right = _beside(left, right, baseline_m)
     elif len(extrinsics) == 12:
         R, T = extrinsics[:9].reshape(3, 3), extrinsics[9:]  # x_right = R x_left + T
-        R_body_cam = left.T_body_cam[:, :3] @ R.T
-        t_body_cam = left.T_body_cam[:, 3] - R_body_cam @ T
+        with np.errstate(over="ignore", invalid="ignore"):  # beyond float64: refused as not finite
+            R_body_cam = left.T_body_cam[:, :3] @ R.T
+            t_body_cam = left.T_body_cam[:, 3] - R_body_cam @ T
         right = dataclasses.replace(right, T_body_cam=np.column_stack([R_body_cam, t_body_cam]), right=True)
     else:
         raise ScanError(
@@ -184,10 +188,10 @@ def _stereo(data: bytes, at: int, place: str) -> tuple[list[StoredCamera], int]:
 
 def _old_cameras(data: bytes, place: str) -> list[StoredCamera]:
     if len(data) % 72 == 0 and data:
-        rows = np.frombuffer(data, "<f4").astype(np.float64).reshape(-1, 18)
+        rows = numbers(data, "<f4", len(data) // 4, place).reshape(-1, 18)
         return [_pinhole(row[:4], row[4:6], row[6:], place) for row in rows]
     if len(data) == 76:
-        row = np.frombuffer(data, "<f4").astype(np.float64)
+        row = numbers(data, "<f4", 19, place)
         left = _pinhole(row[:4], row[5:7], row[7:], place)
         return [left, _beside(left, left, float(row[4]))]
     raise ScanError(
@@ -208,7 +212,8 @@ def _pinhole(
 def _beside(left: StoredCamera, right: StoredCamera, baseline_m: float) -> StoredCamera:
     """The right camera of a rectified pair: parallel to the left one, by the baseline along its x axis."""
     pose = left.T_body_cam.copy()
-    pose[:, 3] += pose[:, 0] * baseline_m
+    with np.errstate(over="ignore", invalid="ignore"):  # beyond float64: refused as not finite
+        pose[:, 3] += pose[:, 0] * baseline_m
     return dataclasses.replace(right, T_body_cam=pose, right=True)
 
 

@@ -105,7 +105,8 @@ def scan_points(data: bytes, info: ScanInfo, place: str) -> ScanPoints:
             f"{place}: {rows.shape[1]} channels of {rows.dtype}; the format {name} has {n_axes + len(others)} of "
             "float32. Is the value damaged?"
         )
-    values = rows.astype(np.float64)
+    with np.errstate(invalid="ignore"):  # NaN of the signalling kind: dropped below, as every other
+        values = rows.astype(np.float64)
     full = np.isfinite(values[:, :n_axes]).all(axis=1) & values[:, :n_axes].any(axis=1)
     values = values[full]
     points_m = np.column_stack([values[:, :n_axes], np.zeros((len(values), 3 - n_axes))])

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 
 import numpy as np
-from jaxtyping import Num
+from jaxtyping import Float, Num
 
 from jaxgeo.data import Scan
 from jaxgeo.io.scans.point_times import point_time_s
@@ -31,7 +31,7 @@ def scan_of_columns(
             f"{source}: no field {missing[0]!r}, expected x, y and z in metres. The fields are "
             f"{', '.join(columns) or 'none'}."
         )
-    points_m = np.stack([columns[by_name[name]].astype(np.float64) for name in "xyz"], axis=1)
+    points_m = np.stack([_as_float64(columns[by_name[name]]) for name in "xyz"], axis=1)
     kept = np.asarray(np.isfinite(points_m).all(axis=1) & points_m.any(axis=1))
     if not kept.any():
         of = f"none of its {len(kept)} points is a return (zeros, or not finite)" if len(kept) else "it has no points"
@@ -49,7 +49,13 @@ def scan_of_columns(
         stamp_s=stamp_s,
         points_m=points_m,
         time_s=point_time_s(rest, stamp_s, source) if point_times else None,
-        intensity=None if intensity is None else intensity.astype(np.float64),
+        intensity=None if intensity is None else _as_float64(intensity),
         source=source,
         index=index,
     )
+
+
+def _as_float64(values: Num[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:
+    """The same numbers; NaN of the signalling kind, of which NumPy would warn, become quiet ones."""
+    with np.errstate(invalid="ignore"):
+        return values.astype(np.float64)

@@ -1,13 +1,17 @@
 """NumPy archives of points: quantised or not, without Python objects."""
 
+import zipfile
 from collections.abc import Mapping
 from pathlib import Path
+from typing import IO
 
 import numpy as np
 from jaxtyping import Float, Num
 
 from jaxgeo.errors import ScanError
+from jaxgeo.io.regular_file import check_regular
 
+_MOST_UNPACKED, _SMALL_BYTES = 100, 1 << 26
 COLUMN_NAMES = ("intensity", "point_times", "time", "t", "timestamp", "offset_time", "time_stamp")
 
 
@@ -17,13 +21,19 @@ def load_arrays(path: str | Path, error: type[ScanError]) -> dict[str, np.ndarra
     Raises:
         error: no such file, not one of NumPy's, damaged, or with Python objects in it.
     """
+    check_regular(path, error)
     try:
         with Path(path).open("rb") as file:  # np.load would leave it open where the archive is damaged
             if file.read(2) != b"PK":  # of anything else np.load says that it is pickled
                 raise error(f"{path}: cannot be read as NumPy's .npz: is no zip archive. Is it cut off?")
+            _check_size(path, file, error)
             file.seek(0)
             loaded = np.load(file, allow_pickle=False)
-            return {name: loaded[name] for name in loaded.files}
+            arrays = {name: loaded[name] for name in loaded.files}
+            for name, array in arrays.items():
+                if not isinstance(array, np.ndarray):  # of a member without NumPy's head, its bytes
+                    raise error(f"{path}: {name!r} in it is no array of NumPy's. Is it damaged, or another archive?")
+            return arrays
     except FileNotFoundError:
         raise error(f"{path}: no such file. Check the path.") from None
     except IsADirectoryError:
@@ -38,6 +48,17 @@ def load_arrays(path: str | Path, error: type[ScanError]) -> dict[str, np.ndarra
             ) from None
         reason = str(failure).splitlines()[0].rstrip(".") if str(failure) else type(failure).__name__
         raise error(f"{path}: cannot be read as NumPy's: {reason}. Is it cut off, or of another format?") from None
+
+
+def _check_size(path: str | Path, file: IO[bytes], error: type[ScanError]) -> None:
+    """Refuse an archive that would unpack to far more than any recording does: points shrink to a half or a tenth."""
+    with zipfile.ZipFile(file) as archive:
+        full = sum(member.file_size for member in archive.infolist())
+    size = Path(path).stat().st_size
+    if full > _MOST_UNPACKED * size + _SMALL_BYTES:
+        raise error(
+            f"{path}: would unpack from {size:,} to {full:,} bytes, which no scans do. Is it damaged, or a trap?"
+        )
 
 
 def points_of_arrays(arrays: Mapping[str, np.ndarray], place: str, error: type[ScanError]) -> Num[np.ndarray, "n 3"]:

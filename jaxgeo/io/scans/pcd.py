@@ -16,6 +16,7 @@ from jaxgeo.io.scans.scan_source import UnreadableScanError
 _TYPES = {"F": ("f4", "f8"), "I": ("i1", "i2", "i4", "i8"), "U": ("u1", "u2", "u4", "u8")}
 _LONGEST_HEADER = 100_000
 _LARGEST_COUNT = 10_000
+_MOST_DIGITS = 18
 
 
 @dataclasses.dataclass(frozen=True)
@@ -158,7 +159,7 @@ def _read_header(path: str | Path, data: bytes) -> _Header:
     layout = _layout(path, fields, found.get("SIZE", []), found.get("TYPE", []), counts, points)
     kind = " ".join(found["DATA"])
     if kind not in ("ascii", "binary", "binary_compressed"):
-        raise UnreadableScanError(f"{path}:{line}: DATA {kind!r}, expected ascii, binary or binary_compressed.")
+        raise UnreadableScanError(f"{path}:{line}: DATA {kind!r:.40}, expected ascii, binary or binary_compressed.")
     return _Header(fields, *layout, kind, offset, line)
 
 
@@ -169,7 +170,7 @@ def _product(found: dict[str, list[str]]) -> list[str]:
 
 
 def _is_count(text: str) -> bool:
-    return text.isascii() and text.isdigit()
+    return text.isascii() and text.isdigit() and len(text) <= _MOST_DIGITS
 
 
 def _layout(
@@ -186,9 +187,9 @@ def _layout(
     for name, kind, size, count in zip(fields, types, sizes, counts, strict=True):
         if kind + size not in known or not _is_count(count) or not 0 < int(count) <= _LARGEST_COUNT:
             raise UnreadableScanError(
-                f"{path}: field {name!r} is of TYPE {kind} SIZE {size} COUNT {count}; expected F (4, 8), I or U "
-                f"(1, 2, 4, 8) and a count of 1 to {_LARGEST_COUNT}."
+                f"{path}: field {name!r:.40} is of TYPE {kind:.9} SIZE {size:.9} COUNT {count:.20}; expected F (4, 8), "
+                f"I or U (1, 2, 4, 8) and a count of 1 to {_LARGEST_COUNT}."
             )
     if len(points) != 1 or not _is_count(points[0]):
-        raise UnreadableScanError(f"{path}: POINTS {' '.join(points) or 'missing'}, expected a number of points.")
+        raise UnreadableScanError(f"{path}: POINTS {' '.join(points)[:40] or 'missing'}, expected a number of points.")
     return [int(size) for size in sizes], types, [int(count) for count in counts], int(points[0])

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from jaxgeo.io.ply import ply_vertices, read_ply_header
+from jaxgeo.io.regular_file import MOST_BYTES, check_regular
 from jaxgeo.io.scans.npz import check_columns, columns_of_points, load_arrays, points_of_arrays
 from jaxgeo.io.scans.pcd import read_pcd
 from jaxgeo.io.scans.scan_source import UnreadableScanError
@@ -21,6 +22,7 @@ def read_scan_file(path: Path) -> dict[str, np.ndarray]:
     Raises:
         UnreadableScanError: the file is missing, damaged, or of another format than its suffix says.
     """
+    check_regular(path, UnreadableScanError, MOST_BYTES)
     try:
         return _READERS[path.suffix.lower()](path)
     except FileNotFoundError:
