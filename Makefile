@@ -1,5 +1,6 @@
 # make demo   an environment with the core packages, then the main job on an embedded, simulated session (out/demo)
 # make test   an environment with everything, then lint, types and all tests
+# make fuzz   damaged files put to every reader, guided by coverage: SECONDS each (60: more than an hour in all)
 # A second call reuses the environment; a changed pyproject.toml or constraints.txt renews it.
 
 PYTHON ?= python3
@@ -12,7 +13,7 @@ PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constr
 # Tests in as many processes as there are cores, at most four: each takes some 2 GiB.
 WORKERS := $(shell n=$$(nproc 2>/dev/null || echo 2); echo $$((n < 4 ? n : 4)))
 
-.PHONY: demo test lint types unit format environment clean
+.PHONY: demo test lint types unit fuzz format environment clean
 
 demo: $(CORE)
 	$(BIN)/jaxgeo demo --out out/demo
@@ -28,6 +29,12 @@ types: $(FULL)
 
 unit: $(FULL)
 	$(BIN)/python -m pytest --numprocesses $(WORKERS)
+
+SECONDS ?= 60
+
+fuzz: $(FULL)
+	$(PIP) --editable '.[fuzz]'
+	$(BIN)/python -m benchmarks.fuzz --all --seconds $(SECONDS) --out out/fuzz
 
 format: $(FULL)
 	$(BIN)/ruff check --fix .

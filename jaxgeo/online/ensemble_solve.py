@@ -16,7 +16,7 @@ from jaxgeo.online.warm_start import Given, LastSolution, carried_on, chain_of_g
 from jaxgeo.solve.anchor_system import AnchorSystem, Observed, State
 from jaxgeo.solve.drift import BLOCKS, Drift, block_correlation, covariance_between, own_covariance
 from jaxgeo.solve.ensemble import SetSolution
-from jaxgeo.solve.ensemble_fold import MAX_ROUNDS, SETTLED_M, EnsembleFold, fold_of, move, moved_m, observe, start_of
+from jaxgeo.solve.ensemble_fold import EnsembleFold, fold_of, observe, settle, start_of
 from jaxgeo.solve.fold import FoldOptions
 
 
@@ -46,17 +46,7 @@ def ensemble_solved(
     if last is not None:
         start = State(carried_on(last, chain, origin), last.log_scale, start.offset_m)
 
-    def again(carry: tuple) -> tuple:
-        rounds, _, state, _, _ = carry
-        new, sets, system = move(state, observed, ensemble)
-        return rounds + 1, moved_m(state, new, observed), new, sets, system
-
-    def unsettled(carry: tuple) -> Array:
-        return (carry[0] < MAX_ROUNDS) & ~(carry[1] < SETTLED_M)
-
-    state, sets, system = move(start, observed, ensemble)
-    carry = (jnp.array(1), moved_m(start, state, observed), state, sets, system)
-    rounds, moved, state, sets, system = jax.lax.while_loop(unsettled, again, carry)
+    state, sets, system, rounds, moved = settle(start, observed, ensemble)
     fold = fold_of(observed, ensemble, state, sets, origin, table, rounds, moved)
     last_pose = _last_pose(state, system, sets, ensemble, observed, origin)
     carried = LastSolution(state.poses, given.count, origin, state.log_scale)

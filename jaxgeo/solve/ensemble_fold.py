@@ -17,8 +17,10 @@ from jaxgeo.solve.drift import covariance_between, drift_at, own_covariance, pat
 from jaxgeo.solve.ensemble import SetSolution, ensemble_step, mixture, solve_set
 from jaxgeo.solve.fold import FoldOptions, fold_graph, sqrt_information
 from jaxgeo.solve.linearise import hat
+from jaxgeo.solve.measurement_space import farthest_m
 
-# Steps before a trajectory counts as not settled, and what settled means: no marker moves by more.
+# Steps before a trajectory counts as not settled, and what settled means: no marker moves by more. Poses far from all
+# markers, which are the last to settle, are waited for; they do not count, for they are the least certain.
 MAX_ROUNDS = 25
 SETTLED_M = 1e-4
 # Wander and bounded error forget over this share of the path between the first and the last anchor.
@@ -101,6 +103,26 @@ def moved_m(before: State, after: State, observed: Observed) -> Float[Array, ""]
     return jnp.max(jnp.nan_to_num(moved, nan=jnp.inf))
 
 
+def settle(
+    start: State, observed: Observed, ensemble: NoiseEnsemble
+) -> tuple[State, SetSolution, AnchorSystem, Int[Array, ""], Float[Array, ""]]:
+    """Steps until nothing moves by more than `SETTLED_M`; their number, and what the last moved a marker by."""
+
+    def again(carry: tuple) -> tuple:
+        rounds, _, _, state, _, _ = carry
+        new, solved, system = move(state, observed, ensemble)
+        return rounds + 1, moved_m(state, new, observed), farthest_m(state.poses, new.poses), new, solved, system
+
+    def unsettled(carry: tuple) -> Array:
+        rounds, marker_moved_m, pose_moved_m, *_ = carry
+        return (rounds < MAX_ROUNDS) & ~((marker_moved_m < SETTLED_M) & (pose_moved_m < SETTLED_M))
+
+    state, solved, system = move(start, observed, ensemble)
+    first = jnp.array(1), moved_m(start, state, observed), farthest_m(start.poses, state.poses)
+    rounds, moved, _, state, solved, system = jax.lax.while_loop(unsettled, again, (*first, state, solved, system))
+    return state, solved, system, rounds, moved
+
+
 @functools.partial(jax.jit, static_argnames="options")
 def solve_ensemble(
     chain: Chain,
@@ -115,18 +137,7 @@ def solve_ensemble(
     observed, origin = observe(chain, table, use, jnp.zeros_like(use), loss_width, options)
     observed = eqx.tree_at(lambda o: o.correlation_m, observed, ensemble.correlation_m)
 
-    def again(carry: tuple) -> tuple:
-        rounds, _, state, _ = carry
-        new, solved, _ = move(state, observed, ensemble)
-        return rounds + 1, moved_m(state, new, observed), new, solved
-
-    def unsettled(carry: tuple) -> Array:
-        return (carry[0] < MAX_ROUNDS) & ~(carry[1] < SETTLED_M)
-
-    start = start_of(observed)
-    state, solved, _ = move(start, observed, ensemble)
-    carry = (jnp.array(1), moved_m(start, state, observed), state, solved)
-    rounds, moved, state, solved = jax.lax.while_loop(unsettled, again, carry)
+    state, solved, _, rounds, moved = settle(start_of(observed), observed, ensemble)
     return fold_of(observed, ensemble, state, solved, origin, table, rounds, moved)
 
 

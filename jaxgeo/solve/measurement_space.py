@@ -102,7 +102,7 @@ def damped_step(state: State, graph: PoseGraph) -> tuple[Poses, Globals]:
     return advance(state.poses, compute_once(always, prefix_sum(delta))), new_glob
 
 
-def _farthest_m(before: Poses, after: Poses) -> Float[Array, ""]:
+def farthest_m(before: Poses, after: Poses) -> Float[Array, ""]:
     """How far the farthest pose goes. Neighbours go alike: one of eight is asked."""
     moved = tuple(new[::8] - old[::8] for new, old in zip(after.t, before.t, strict=True))
     return jnp.sqrt(jnp.max(moved[0] * moved[0] + moved[1] * moved[1] + moved[2] * moved[2]))
@@ -142,7 +142,7 @@ class MeasurementSpaceLM(optx.AbstractLeastSquaresSolver):
         decrease = state.cost - cost
         # At the optimum rounding may raise the cost by a hair: that is convergence, and the older point stays.
         next_decrease = jnp.where(lower, decrease * jnp.clip(decrease / state.decrease, _FASTEST, 1.0), -decrease)
-        move_m = _farthest_m(state.poses, poses)
+        move_m = farthest_m(state.poses, poses)
         next_move_m = move_m * jnp.clip(move_m / state.move_m, _FASTEST_MOVE, 1.0)
         settled = (next_move_m <= _SETTLED_M) | (next_decrease <= _SETTLED_SHARE * slack)
         converged = undamped & jnp.isfinite(cost) & (next_decrease <= slack) & settled

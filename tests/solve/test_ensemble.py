@@ -15,9 +15,18 @@ from jaxgeo.graph.noise import odometry_noise
 from jaxgeo.graph.pose_graph import Terms, at_anchors
 from jaxgeo.solve.anchor_system import AnchorSystem, anchor_system, chain_linearised
 from jaxgeo.solve.ensemble import SetSolution, solve_set
-from jaxgeo.solve.ensemble_fold import CHUNK, EnsembleFold, covariance_at, marker_m, solve_ensemble
+from jaxgeo.solve.ensemble_fold import (
+    CHUNK,
+    SETTLED_M,
+    EnsembleFold,
+    covariance_at,
+    marker_m,
+    move,
+    solve_ensemble,
+)
 from jaxgeo.solve.fold import FoldOptions, solve_fold
 from jaxgeo.solve.linearise import Edges
+from jaxgeo.solve.measurement_space import farthest_m
 from jaxgeo.solve.posterior import pose_covariance, posterior
 
 NOISE = odometry_noise([0.1, 0.12, 0.08], [0.004, 0.003, 0.005], 0.003, 0.02, 0.004, 0.0004)
@@ -200,6 +209,16 @@ def test_a_set_of_no_weight_changes_nothing(revisited):
     alone = solved(revisited, sets[0])
     assert_allclose(one.point_m, alone.point_m, rtol=0, atol=1e-9)
     assert_allclose(one.point_covariance_m2, alone.point_covariance_m2, rtol=1e-9, atol=1e-12)
+
+
+def test_poses_between_the_markers_are_at_rest_too():
+    # Odometry that turns: the markers are at rest two steps before the poses between them.
+    turning = odometry_noise([0.1, 0.12, 0.08], [0.024, 0.018, 0.03], 0.018, 0.02, 0.004, 0.0004)
+    sigma = np.array(EVERYTHING)
+    sigma[3:6] *= 6.0
+    found = solved(revisited_session(1, noise=turning), sigma)
+    again, _, _ = jax.jit(move)(found.state, found.observed, found.ensemble)
+    assert float(farthest_m(found.state.poses, again.poses)) < SETTLED_M
 
 
 def test_what_is_held_out_moves_nothing(revisited):
