@@ -16,8 +16,9 @@ from calibration.faults.small_system import small_system
 from calibration.faults.weigh import weigh
 from jaxgeo.errors import UndeterminedError
 
-# Alignments whose whole evidence is worked out, and screens before their best one counts as found.
-EVALUATED, SCREENS = 6, 4
+# Alignments whose whole evidence is worked out: all that the screen does not rule out, which are two or three where the
+# drift is small, and most where it is not. Screens before their best one counts as found.
+EVALUATED, SCREENS = 64, 4
 
 
 @dataclasses.dataclass(frozen=True)

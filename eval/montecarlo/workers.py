@@ -1,16 +1,13 @@
 """Sessions simulated in processes of their own, ahead of the devices that work on them."""
 
 import contextlib
-import multiprocessing
-import os
-import signal
-import threading
 from collections import deque
 from collections.abc import Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures import Future
 
 from eval.montecarlo.sessions import SessionArrays, sessions_arrays
 from eval.montecarlo.settings import StudySettings
+from jaxgeo.processes import WorkerPool
 
 # Sessions a task: some tenths of a second, so that handing it over costs nothing.
 TASK = 4
@@ -24,8 +21,7 @@ def simulated(
     if workers == 0:
         yield (arrays for i in sessions for arrays in sessions_arrays(settings, (i,)))
         return
-    context = multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(min(workers, -(-len(sessions) // TASK)), context, _prepare)
+    pool = WorkerPool(min(workers, -(-len(sessions) // TASK)), _prepare)
     try:
         yield _in_order(pool, settings, sessions, ahead)
     finally:
@@ -33,7 +29,7 @@ def simulated(
 
 
 def _in_order(
-    pool: ProcessPoolExecutor, settings: StudySettings, sessions: Sequence[int], ahead: int
+    pool: WorkerPool, settings: StudySettings, sessions: Sequence[int], ahead: int
 ) -> Iterator[SessionArrays]:
     waiting: deque[Future[list[SessionArrays]]] = deque()
     tasks = iter([tuple(sessions[i : i + TASK]) for i in range(0, len(sessions), TASK)])
@@ -46,16 +42,7 @@ def _in_order(
 
 
 def _prepare() -> None:
-    """A worker simulates on the CPU, leaves Ctrl-C to the parent, and does not outlive it, however that ends."""
+    """A worker simulates on the CPU."""
     import jax
 
     jax.config.update("jax_platforms", "cpu")
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        threading.Thread(target=_leave_with, args=(parent,), daemon=True).start()
-
-
-def _leave_with(parent) -> None:  # multiprocessing names no type for it
-    parent.join()
-    os._exit(1)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from jaxgeo.cli.campaign_rows import Status, attempts_begun, write_row
 from jaxgeo.cli.campaign_task import Task, finished, lost_row, run_task
 from jaxgeo.errors import InputError
+from jaxgeo.processes import interrupts_kept
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -81,7 +82,8 @@ def campaign_client(workers: int, scheduler: str | None) -> "Iterator[Client]":
     options |= {"n_workers": workers, "threads_per_worker": 1, "processes": True, "silence_logs": logging.CRITICAL}
     options["env"] = _ENVIRONMENT
     try:
-        with config.set(_WORKERS):
+        # The thread that starts the workers, now and after one was lost, begins here too.
+        with config.set(_WORKERS), interrupts_kept():
             cluster = LocalCluster(**options)
     except RuntimeError as error:
         raise InputError(

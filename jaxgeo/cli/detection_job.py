@@ -3,11 +3,10 @@
 import collections
 import dataclasses
 import json
-import multiprocessing
 import warnings
 from collections import Counter
 from collections.abc import Iterable, Iterator
-from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures import Future
 from concurrent.futures.process import BrokenProcessPool
 from importlib.metadata import version
 from pathlib import Path
@@ -29,6 +28,7 @@ from jaxgeo.detect.mask import HsvRange, MaskSettings
 from jaxgeo.errors import DetectError
 from jaxgeo.io import InputWarning
 from jaxgeo.io.frames import Frame, FrameSource, open_frames
+from jaxgeo.processes import WorkerPool
 
 RECORD_FILE = "detections.jsonl"
 _AHEAD = 2  # images read before they are needed, a worker
@@ -187,9 +187,7 @@ def _detected(job: DetectionJob, frames: Iterator[Frame]) -> Iterator[FrameRecor
         for frame in checked:
             yield _record(frame, *look(frame.image, frame.camera))
         return
-    # Fresh processes: a fork would copy the threads' locks of whatever runs here.
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(job.workers, context, _start_worker, (job.settings, job.rig)) as pool:
+    with WorkerPool(job.workers, _start_worker, (job.settings, job.rig)) as pool:
         try:
             yield from _in_order(pool, checked, job.workers * (1 + _AHEAD))
         except BrokenProcessPool:
@@ -201,7 +199,7 @@ def _detected(job: DetectionJob, frames: Iterator[Frame]) -> Iterator[FrameRecor
             pool.shutdown(cancel_futures=True)
 
 
-def _in_order(pool: ProcessPoolExecutor, frames: Iterable[Frame], most: int) -> Iterator[FrameRecord]:
+def _in_order(pool: WorkerPool, frames: Iterable[Frame], most: int) -> Iterator[FrameRecord]:
     """At most so many images are held at a time."""
     waiting: collections.deque[tuple[Frame, Future]] = collections.deque()
     for frame in frames:

@@ -10,7 +10,7 @@ import threading
 import traceback
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -31,6 +31,8 @@ INTERNAL_ERROR = 1
 BAD_INPUT = 2
 INTERRUPTED = 130
 TERMINATED = 143
+# A signal that came while an object was being removed, where Python drops exceptions, comes again after so long.
+_AGAIN_S = 0.05
 
 app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False)
 app.add_typer(study, name="study")
@@ -263,7 +265,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     debug = False
     given = list(sys.argv[1:] if arguments is None else arguments)
     try:
-        with _terminable(), command.make_context("jaxgeo", given) as context:
+        with _stoppable(), command.make_context("jaxgeo", given) as context:
             debug = context.params["debug"]
             command.invoke(context)
     except typer.Exit as stop:
@@ -292,8 +294,8 @@ class _Terminated(BaseException):
 
 
 @contextlib.contextmanager
-def _terminable() -> Iterator[None]:
-    """Turn SIGTERM into an exception, as Python does with SIGINT."""
+def _stoppable() -> Iterator[None]:
+    """Turn SIGTERM into an exception, as Python does with SIGINT; where none can be raised, a little later."""
     if threading.current_thread() is not threading.main_thread():  # only there can signals be caught
         yield
         return
@@ -301,10 +303,21 @@ def _terminable() -> Iterator[None]:
     def stop(*_: object) -> None:
         raise _Terminated
 
-    kept = signal.signal(signal.SIGTERM, stop)
+    def again(unraisable: Any) -> None:
+        number = {KeyboardInterrupt: signal.SIGINT, _Terminated: signal.SIGTERM}.get(unraisable.exc_type)
+        if number is None:
+            kept_hook(unraisable)
+            return
+        later = threading.Timer(_AGAIN_S, signal.pthread_kill, (threading.main_thread().ident, number))
+        later.daemon = True
+        later.start()
+
+    kept, kept_hook = signal.signal(signal.SIGTERM, stop), sys.unraisablehook
+    sys.unraisablehook = again
     try:
         yield
     finally:
+        sys.unraisablehook = kept_hook
         signal.signal(signal.SIGTERM, kept)
 
 

@@ -1,15 +1,15 @@
 """A recording rendered by several processes, in the order of its stamps whatever their number."""
 
-import multiprocessing
 from collections import deque
 from collections.abc import Iterator
-from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures import Future
 from concurrent.futures.process import BrokenProcessPool
 
 import cv2
 
 from jaxgeo.data.scan import Scan
 from jaxgeo.errors import InputError
+from jaxgeo.processes import WorkerPool
 from jaxgeo.simulate.sensors.recording import EncodedFrame, Recording, Renderer, jobs
 
 # So many jobs a process wait or are done: enough to keep it busy, few enough to keep in memory.
@@ -27,9 +27,7 @@ def rendered(recording: Recording, workers: int = 1) -> Iterator[Scan | EncodedF
         renderer = Renderer(recording)
         yield from map(renderer.item, jobs(recording))
         return
-    # Not forked: JAX and Open3D have threads.
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(workers, context, _start, (recording,)) as pool:
+    with WorkerPool(workers, _start, (recording,)) as pool:
         waiting: deque[Future[Scan | EncodedFrame]] = deque()
         try:
             for job in jobs(recording):

@@ -5,14 +5,16 @@ import re
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from cli.bad_input.runs import run, snapshot
 
+import jaxgeo.cli.run
 import jaxgeo.io.atomic
-from jaxgeo.cli.main import TERMINATED
+from jaxgeo.cli.main import TERMINATED, main
 
 
 @pytest.mark.parametrize("out", ["survey.csv", "survey.csv/out", "survey.csv/a/b"])
@@ -57,6 +59,30 @@ def interruptible() -> Iterator[None]:
     kept = signal.signal(signal.SIGINT, signal.default_int_handler)
     yield
     signal.signal(signal.SIGINT, kept)
+
+
+class Removed:
+    """Gets a signal while it is removed: Python drops what is raised then."""
+
+    def __init__(self, signal_):
+        self._signal = signal_
+
+    def __del__(self):
+        signal.raise_signal(self._signal)
+
+
+@pytest.mark.usefixtures("interruptible")
+@pytest.mark.parametrize(("signal_", "code"), [(signal.SIGTERM, TERMINATED), (signal.SIGINT, 130)])
+def test_a_signal_that_python_drops_comes_again(monkeypatch, tmp_path, capsys, signal_, code):
+    def run_config(*_):
+        Removed(signal_)
+        time.sleep(30)
+
+    monkeypatch.setattr(jaxgeo.cli.run, "run_config", run_config)
+    started = time.monotonic()
+    assert main(["run", str(tmp_path / "any.yaml")]) == code
+    assert time.monotonic() - started < 10
+    assert capsys.readouterr().err in ("error: terminated\n", "error: interrupted\n")
 
 
 @pytest.mark.usefixtures("interruptible")

@@ -142,11 +142,11 @@ def test_the_bag_holds_the_same(folder, tmp_path):
 def test_several_workers_give_the_same_in_the_same_order(monkeypatch):
     """Threads in the place of processes, which take seconds to start; they get what survives pickling."""
 
-    def threads(workers, _, start, arguments):
+    def threads(workers, start, arguments):
         return ThreadPoolExecutor(workers, initializer=start, initargs=pickle.loads(pickle.dumps(arguments)))
 
     recording = short(camera=None, duration_s=4.0)
-    monkeypatch.setattr(rendering, "ProcessPoolExecutor", threads)
+    monkeypatch.setattr(rendering, "WorkerPool", threads)
     for one, other in zip(rendering.rendered(recording, 1), rendering.rendered(recording, 2), strict=True):
         assert one.index == other.index
         assert np.array_equal(one.points_m, other.points_m)
