@@ -14,7 +14,7 @@ PACKAGES = ("jaxgeo", "calibration", "eval")
 
 # A part imports itself and what stands before its line; the first line's parts also import each other.
 LAYERS = (
-    {"errors", "precision", "data"},
+    {"errors", "precision", "processes", "data"},
     {"geometry"},
     {"io", "associate", "georef", "graph"},
     {"solve", "detect", "odometry"},

@@ -11,7 +11,7 @@ import pytest
 # A pool whose workers say who they are, then wait for a minute each. Interrupted while it starts, a worker would end
 # with a traceback; while it works, it would say so.
 SCRIPT = """
-import os, sys, time
+import os, signal, time
 from jaxgeo.processes import WorkerPool
 
 def prepare():
@@ -25,6 +25,7 @@ def wait():
         print("worker interrupted", flush=True)
 
 if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a job in the background of a shell ignores it
     with WorkerPool(2, prepare) as pool:
         try:
             waiting = [pool.submit(wait) for _ in range(2)]
