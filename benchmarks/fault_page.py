@@ -9,7 +9,7 @@ HEADS = ("fault", "what was done", "exit", "message", "outside", "half-written",
 TEXT = """\
 # Faults put to the commands
 
-Made by `python -m benchmarks.faults --markdown > docs/faults.md`; change the script, not this page. Some minutes on
+Made by `python -m benchmarks.faults --markdown > docs/faults.md`; change the script, not this page. A quarter of an hour on
 free cores; `--quick` kills less often and leaves out the second runs, `--kinds` and `--only NAME` choose rows, `--json`
 prints them with every problem found. It ends with exit code 1 where a row is wrong.
 

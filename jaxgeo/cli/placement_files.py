@@ -1,7 +1,6 @@
 """The files of a plan, written together or not at all."""
 
-import json
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 
 from eval.figures.placement_map import placement_map
 from eval.placement_report.page import placement_html
@@ -9,6 +8,7 @@ from eval.placement_report.plan_text import plan_text
 from eval.placement_report.point_files import anchors_csv, anchors_geojson
 from eval.placement_report.report import PlacementReport, count_of
 from jaxgeo.export.geojson_file import NO_DATUM
+from jaxgeo.export.run_file import leftovers
 from jaxgeo.io.atomic import output_folder
 
 PLAN, PAGE = "plan.json", "placement.html"
@@ -36,7 +36,7 @@ def write_placement(report: PlacementReport, out: Path) -> list[Path]:
         files[f"{folder}{PICTURE}"] = placement_map(report, answer).png()
     files[PAGE] = placement_html(report)
     files[PLAN] = plan_text(report, [*files, PLAN], not_written)
-    stale = _leftovers(out, list(files))
+    stale = leftovers(out, list(files), record=PLAN, ours=(TABLE, POINTS, PICTURE))
     with output_folder(out) as temporary:
         for name, content in files.items():
             path = temporary / name
@@ -47,14 +47,3 @@ def write_placement(report: PlacementReport, out: Path) -> list[Path]:
         if path.parent != out and path.parent.is_dir() and not any(path.parent.iterdir()):
             path.parent.rmdir()
     return [out / name for name in files]
-
-
-def _leftovers(out: Path, files: list[str]) -> list[Path]:
-    """Files of an older plan in this folder that the new one does not write, as the older plan.json lists them."""
-    try:
-        listed = json.loads((out / PLAN).read_text(encoding="utf-8")).get("files", [])
-    except (OSError, ValueError, AttributeError):
-        return []  # no older plan, or one whose list cannot be read: nothing is known to be ours
-    old = [PurePosixPath(name) for name in listed if isinstance(name, str) and name not in files]
-    ours = (TABLE, POINTS, PICTURE)
-    return [out / p for p in old if p.name in ours and len(p.parts) <= 2 and ".." not in p.parts]

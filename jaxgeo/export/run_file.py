@@ -1,13 +1,14 @@
 """run.json: what was run, on what, with which versions, and which files came out."""
 
 import json
+from collections.abc import Sequence
 from pathlib import Path, PurePosixPath
 
 from jaxgeo.export.json_text import json_text
 from jaxgeo.export.result import SessionResult
 
 RUN_FILE = "run.json"
-# Only files of these names are ever deleted when an older run's leftovers are cleared away.
+# Of a run's own files those that another run may lack.
 TRAJECTORY_FILES = ("trajectory.tum", "trajectory_grid.csv", "trajectory.geojson", "anchors.csv")
 
 
@@ -27,11 +28,18 @@ def run_text(result: SessionResult, files: list[str], not_written: dict[str, str
     )
 
 
-def leftovers(out: Path, files: list[str]) -> list[Path]:
-    """Files of an older run in this folder that the new run does not write, as the older run.json lists them."""
+def leftovers(
+    out: Path, files: Sequence[str], *, record: str = RUN_FILE, ours: Sequence[str] = TRAJECTORY_FILES
+) -> list[Path]:
+    """Files of an older run in this folder that the new run does not write, as the older run's `record` lists them.
+
+    Args:
+        files: what the new run writes.
+        ours: names that a run may have given; a record that was tampered with makes no other file go.
+    """
     try:
-        listed = json.loads((out / RUN_FILE).read_text(encoding="utf-8")).get("files", [])
-    except (OSError, ValueError, AttributeError):
+        listed = json.loads((out / record).read_text(encoding="utf-8"))["files"]
+        old = [PurePosixPath(name) for name in listed if isinstance(name, str) and name not in files]
+    except (OSError, ValueError, LookupError, TypeError, RecursionError):
         return []  # no older run, or one whose list cannot be read: nothing is known to be ours
-    old = [PurePosixPath(name) for name in listed if isinstance(name, str) and name not in files]
-    return [out / p for p in old if p.name in TRAJECTORY_FILES and len(p.parts) <= 2 and ".." not in p.parts]
+    return [out / p for p in old if p.name in ours and len(p.parts) <= 2 and ".." not in p.parts]

@@ -15,6 +15,7 @@ from export.synthetic_result import local_session, luref_session
 from jaxgeo.errors import ConfigError
 from jaxgeo.export import session_files as module
 from jaxgeo.export import write_session
+from jaxgeo.export.run_file import RUN_FILE, leftovers
 from jaxgeo.io.tum import read_tum
 
 
@@ -225,3 +226,15 @@ def test_a_name_that_leaves_the_folder_is_refused(session, tmp_path):
     with pytest.raises(ConfigError, match=r"'\.\./up' cannot be a folder's name"):
         write_session(wicked, tmp_path / "out")
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("record", ['{"files": 5}', '{"files": [["icp"], 3]}', "[]", "5", "[" * 100_000, "{", ""])
+def test_a_damaged_record_of_an_older_run_makes_no_file_go(tmp_path, record):
+    (tmp_path / RUN_FILE).write_text(record)
+    assert leftovers(tmp_path, ["trajectory.tum"]) == []
+
+
+def test_only_files_of_ours_within_the_folder_are_cleared_away(tmp_path):
+    listed = ["icp/anchors.csv", "anchors.csv", "../anchors.csv", "a/b/anchors.csv", "thesis.tex"]
+    (tmp_path / RUN_FILE).write_text(json.dumps({"files": listed}))
+    assert leftovers(tmp_path, ["anchors.csv"]) == [tmp_path / "icp" / "anchors.csv"]

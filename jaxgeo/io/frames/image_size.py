@@ -1,4 +1,4 @@
-"""The size that an encoded image claims, read from its head: before memory is asked for as many pixels.
+"""What an encoded image claims, its pixels and its bytes: read before memory is asked for as many.
 
 PNG: the IHDR chunk comes first (W3C PNG, 11.2.2). JPEG: the frame header, SOF0 to SOF15 without DHT, JPG and DAC (ITU-T
 T.81, B.2.2). BMP: the BITMAPINFOHEADER. TIFF: tags 256 and 257 of the first directory (TIFF 6.0).
@@ -6,6 +6,7 @@ T.81, B.2.2). BMP: the BITMAPINFOHEADER. TIFF: tags 256 and 257 of the first dir
 
 import struct
 
+PNG = b"\x89PNG\r\n\x1a\n"
 MOST_PIXELS = 1 << 28  # above the largest cameras' 150 megapixels
 _NO_FRAMES = (0xC4, 0xC8, 0xCC)
 _TIFF_SIZE = {256: 0, 257: 1}
@@ -14,7 +15,7 @@ _TIFF_SIZE = {256: 0, 257: 1}
 def claimed_size(data: bytes) -> tuple[int, int] | None:
     """(width, height) of a PNG, JPEG, BMP or TIFF; None of other formats, and where the head is cut off or damaged."""
     try:
-        if data.startswith(b"\x89PNG\r\n\x1a\n"):
+        if data.startswith(PNG):
             return struct.unpack_from(">2I", data, 16)
         if data.startswith(b"\xff\xd8"):
             return _of_jpeg(data)
@@ -26,6 +27,19 @@ def claimed_size(data: bytes) -> tuple[int, int] | None:
     except struct.error:
         return None
     return None
+
+
+def missing_bytes(data: bytes) -> int:
+    """Bytes that a PNG lacks by the lengths of its chunks: decoders ask for that memory first. 0 of other formats."""
+    if not data.startswith(PNG):
+        return 0
+    at = len(PNG)
+    while at + 8 <= len(data):
+        length, kind = struct.unpack_from(">I4s", data, at)
+        at += 12 + length  # length, kind and checksum beside the content
+        if kind == b"IEND":
+            break
+    return max(at - len(data), 0)
 
 
 def _of_jpeg(data: bytes) -> tuple[int, int] | None:

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float32
 
 from jaxgeo.errors import ScanError
-from jaxgeo.io.frames.pixels import check_claimed_size
+from jaxgeo.io.frames.pixels import check_claims
 from jaxgeo.io.item_source import raised_as
 from jaxgeo.io.regular_file import read_whole
 from jaxgeo.io.rgbd.rgbd_source import UnreadableFrameError
@@ -112,7 +112,7 @@ def metres(raw: np.ndarray, depth_unit_m: float, source: str) -> Float32[np.ndar
 
 def _decoded(data: bytes, source: str) -> np.ndarray:
     with raised_as(UnreadableFrameError):
-        check_claimed_size(data, source)
+        check_claims(data, source)
     try:
         raw = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if data else None
     except cv2.error:

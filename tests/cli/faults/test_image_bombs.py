@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from jaxgeo.io.frames.frame import UnreadableImageError
-from jaxgeo.io.frames.image_size import claimed_size
+from jaxgeo.io.frames.image_size import claimed_size, missing_bytes
 from jaxgeo.io.frames.pixels import decoded_image
 
 
@@ -27,6 +27,16 @@ def test_a_png_of_a_gigapixel_is_refused_before_it_is_decoded() -> None:
     chunks = [struct.pack(">I", len(c)) + kind + c + struct.pack(">I", zlib.crc32(kind + c)) for kind, c in parts]
     with pytest.raises(UnreadableImageError, match=r"bomb\.png: claims 30000 x 30000 pixels, expected at most"):
         decoded_image(b"\x89PNG\r\n\x1a\n" + b"".join(chunks), "bomb.png")
+
+
+def test_a_png_chunk_longer_than_the_file_is_refused_before_memory_is_asked_for() -> None:
+    data = cv2.imencode(".png", np.full((30, 40, 3), 9, np.uint8))[1].tobytes()
+    at = data.index(b"IDAT") - 4
+    bomb = data[:at] + struct.pack(">I", 0x7FFFFFFF) + data[at + 4 :]
+    with pytest.raises(UnreadableImageError, match=r"bomb\.png: \d+ bytes, of which the last part claims 2147\d+ more"):
+        decoded_image(bomb, "bomb.png")
+    assert missing_bytes(data) == missing_bytes(data + b"behind the end") == 0
+    assert missing_bytes(data[:-1]) == 1
 
 
 @pytest.mark.parametrize("size", [(65_500, 65_500), (0xFFFF, 0x2000)])
