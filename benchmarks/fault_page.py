@@ -9,8 +9,8 @@ HEADS = ("fault", "what was done", "exit", "message", "outside", "half-written",
 TEXT = """\
 # Faults put to the commands
 
-Made by `python -m benchmarks.faults --markdown > docs/faults.md`; change the script, not this page. A quarter of an hour on
-free cores; `--quick` kills less often and leaves out the second runs, `--kinds` and `--only NAME` choose rows, `--json`
+Made by `python -m benchmarks.faults --markdown > docs/faults.md`; change the script, not this page. 15 minutes on four
+cores; `--quick` kills less often and leaves out the second runs, `--kinds` and `--only NAME` choose rows, `--json`
 prints them with every problem found. It ends with exit code 1 where a row is wrong.
 
 Every row is a run of the command line in a folder of its own, with sound inputs to which one thing is done. Computed of
