@@ -6,6 +6,7 @@ wraps it; a test that calls jaxlie itself does so inside `jax.numpy_dtype_promot
 """
 
 import os
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -66,17 +67,38 @@ SAME_SHAPES = (
 )
 
 
+# Minutes of compiling in few tests: begun first, since whoever got one of them last would let the others wait.
+LONGEST = (SAME_SHAPES[0][0], "tests/cli/test_study_montecarlo.py", "tests/calibration/faults/test_find.py")
+
+
+def shapes_of(nodeid: str) -> str:
+    """A test's file, or the first one of its group of `SAME_SHAPES`."""
+    file = nodeid.split("::", 1)[0]
+    return next((group[0] for group in SAME_SHAPES if file.startswith(group)), file)
+
+
 class ByShapes(LoadScopeScheduling):
-    """Hands out whole files, and those of one group of `SAME_SHAPES` together."""
+    """Hands out whole files, and those of one group of `SAME_SHAPES` together, in the order of the collection."""
 
     def _split_scope(self, nodeid: str) -> str:
-        file = nodeid.split("::", 1)[0]
-        return next((group[0] for group in SAME_SHAPES if file.startswith(group)), file)
+        return shapes_of(nodeid)
 
 
 @pytest.hookimpl(optionalhook=True)  # with -p no:xdist it is not there
 def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> ByShapes:
+    config.option.loadscopereorder = False
     return ByShapes(config, log)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """The longest first, then those with the most tests."""
+    count = Counter(shapes_of(item.nodeid) for item in items)
+
+    def place(item: pytest.Item) -> tuple[int, int]:
+        shapes = shapes_of(item.nodeid)
+        return LONGEST.index(shapes) if shapes in LONGEST else len(LONGEST), -count[shapes]
+
+    items.sort(key=place)
 
 
 @pytest.fixture(autouse=True, scope="session")

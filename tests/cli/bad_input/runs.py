@@ -10,7 +10,8 @@ def snapshot(folder: Path) -> dict[str, bytes | None]:
     return {str(path.relative_to(folder)): path.read_bytes() if path.is_file() else None for path in folder.rglob("*")}
 
 
-def run(session: Path, name: str = "poses", *overrides: str, out: str = "out") -> int:
+def run(session: Path, name: str = "poses", *overrides: str, out: str = "out", quiet: bool = True) -> int:
     """`jaxgeo run`; the check of its anchors, half a minute of compiling where they are wrong, has tests of its own."""
     options = [word for override in ("evaluate.check=false", *overrides) for word in ("--set", override)]
-    return main(["run", str(session / f"{name}.yaml"), "--out", str(session / out), "--quiet", *options])
+    options += ["--quiet"] * quiet
+    return main(["run", str(session / f"{name}.yaml"), "--out", str(session / out), *options])

@@ -6,8 +6,6 @@ import pytest
 from cli.bad_input.runs import run
 from cli.spoil import columns, lines, replace
 
-from jaxgeo.cli.main import main
-
 
 @pytest.mark.parametrize("name", ["poses", "corners", "stops", "truth"])
 def test_the_sound_session_runs(metrics, name):
@@ -31,7 +29,7 @@ def test_an_origin_off_the_site_changes_nothing(metrics):
 def test_a_rounded_trajectory_runs_with_a_warning(session, capsys):
     """Four decimals, quaternions too, as KISS-ICP writes."""
     lines("icp.tum", lambda old: [" ".join(f"{float(x):.4f}" for x in line.split()) for line in old])(session)
-    assert main(["run", str(session / "poses.yaml"), "--out", str(session / "out")]) == 0
+    assert run(session, quiet=False) == 0
     warning = r"warning: icp: .*icp\.tum: quaternion norms are off by up to .*: the file was written with few decimals"
     assert re.search(warning, capsys.readouterr().err)
     assert "few decimals" in (session / "out" / "report.html").read_text()
@@ -40,7 +38,7 @@ def test_a_rounded_trajectory_runs_with_a_warning(session, capsys):
 def test_a_flat_survey_with_exchanged_axes_warns_that_the_trajectory_stands_on_its_head(session, capsys):
     columns("survey.csv", lambda c: c if c[0] == "name" else [*c[:3], "340", c[4]])(session)
     replace("survey.csv", "name,N,E", "name,E,N")(session)
-    assert main(["run", str(session / "poses.yaml"), "--out", str(session / "out")]) == 0
+    assert run(session, quiet=False) == 0
     assert "z axis points down in the grid" in capsys.readouterr().err
 
 
