@@ -89,6 +89,7 @@ ONCE_CRASHED: dict[str, dict[str, bytes]] = {
         "a polygon without an outline": b'{"type": "Polygon", "coordinates": []}',
         "half a character": b'{"type": "\\ud800"}',
     },
+    "euroc": {"a stamp that is next to nothing": b"1401e-999363658084355564" + b",0" * 3 + b",1" + b",0" * 3 + b"\n"},
     "noise": {
         "a component that fills the screen": b'{"trajectories": {"a": {"learned": {"components": ["'
         + b"9" * 5000

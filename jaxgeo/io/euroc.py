@@ -10,6 +10,7 @@ from jaxgeo.data import Trajectory
 from jaxgeo.errors import TrajectoryError
 from jaxgeo.io.atomic import write_lines
 from jaxgeo.io.checks import validated_trajectory
+from jaxgeo.io.frames.stamps import number_of, seconds
 from jaxgeo.io.text_table import float_columns, read_table, text_column
 
 HEADER = "#timestamp [ns],p_RS_R_x [m],p_RS_R_y [m],p_RS_R_z [m],q_RS_w [],q_RS_x [],q_RS_y [],q_RS_z []"
@@ -32,7 +33,13 @@ def read_euroc(path: str | Path) -> Trajectory:
         )
     values = float_columns(table, range(8))
     # Parsed as decimals: at 1.4e18 a float64 nanosecond count is already off by up to 128 ns.
-    stamp_s = np.array([float(Decimal(text).scaleb(-9)) for text in text_column(table, 0)])
+    numbers = [number_of(text) for text in text_column(table, 0)]
+    if None in numbers:
+        row = numbers.index(None)
+        raise TrajectoryError(
+            f"{table.place(row)}: stamp {text_column(table, 0)[row][:40]!r}, expected nanoseconds. Mend the row."
+        )
+    stamp_s = np.array([seconds(number, "ns") for number in numbers if number is not None])
     step_ns = np.diff(values[:, 0])
     if len(step_ns) and 0 < np.median(step_ns) < SHORTEST_STEP_NS:
         raise TrajectoryError(

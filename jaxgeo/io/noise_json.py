@@ -13,6 +13,8 @@ from jaxgeo.io.json_file import read_json
 
 # A covariance is taken as one where its least eigenvalue is above minus this share of its largest.
 _ROUNDING = 1e-9
+# Of logarithms of standard deviations: no learning leaves a variance near this.
+_LARGEST = 1e12
 
 
 @dataclasses.dataclass(frozen=True)
@@ -73,8 +75,7 @@ def read_noise(path: str | Path, components: Sequence[str], trajectory: str | No
     weight = _numbers(path, inside, ensemble, "weight", (None,))
     sigma = _numbers(path, inside, ensemble, "sigma", (len(weight), n))
     correlation_m = float(_numbers(path, inside, ensemble, "correlation_m", ()))
-    least, *_, most = np.linalg.eigvalsh(0.5 * (covariance + covariance.T))
-    if not np.allclose(covariance, covariance.T, rtol=1e-6, atol=1e-9) or least < -_ROUNDING * max(most, 1.0):
+    if not _is_covariance(covariance):
         raise _wrong(path, f"{place}.theta_covariance", "is not a covariance (symmetric, no negative eigenvalue)")
     if (sigma < 0).any():
         raise _wrong(path, f"{inside}.sigma", f"holds {sigma.min():g}; expected standard deviations, none negative")
@@ -96,6 +97,13 @@ def read_noise(path: str | Path, components: Sequence[str], trajectory: str | No
         correlation_m=correlation_m,
         between_sessions=learned.get("between_sessions") is True,
     )
+
+
+def _is_covariance(matrix: Float[np.ndarray, "n n"]) -> bool:
+    if np.abs(matrix).max() > _LARGEST or not np.allclose(matrix, matrix.T, rtol=1e-6, atol=1e-9):
+        return False
+    least, *_, most = np.linalg.eigvalsh(0.5 * (matrix + matrix.T))
+    return bool(least >= -_ROUNDING * max(most, 1.0))
 
 
 def _which(path: str | Path, trajectories: dict[str, Any], wanted: str | None) -> str:

@@ -61,7 +61,7 @@ def read_orthophoto(path: str | Path, crs: str, bounds_en_m: Bounds, most_px: in
             covered = transform_bounds(source.crs, target, *_box(source), densify_pts=21)
         box = _overlap(path, bounds_en_m, covered)
         with _in_words(rasterio, path):
-            width, height = _size(source, target, box, bounds_en_m, most_px)
+            width, height = _size(path, source, target, box, bounds_en_m, most_px)
         place = rasterio.transform.from_bounds(*box, width, height)
         view = {"crs": target, "transform": place, "width": width, "height": height, "tolerance": _WARP_ACCURACY_PX}
         has_alpha = rasterio.enums.ColorInterp.alpha in source.colorinterp
@@ -101,7 +101,7 @@ def _opened(rasterio: Any, path: str | Path) -> Any:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", rasterio.errors.NotGeoreferencedWarning)  # refused below, in our words
             return rasterio.open(path)
-    except rasterio.errors.RasterioIOError:
+    except (rasterio.errors.RasterioIOError, UnicodeDecodeError):  # the latter of damaged names
         raise InputError(f"{path}: is not a raster that GDAL can read; expected a GeoTIFF (.tif).") from None
 
 
@@ -164,9 +164,12 @@ def _words(box: Bounds) -> str:
     return f"E {box[0]:.0f} … {box[2]:.0f}, N {box[1]:.0f} … {box[3]:.0f}"
 
 
-def _size(source: Any, target: Any, box: Bounds, wanted: Bounds, most_px: int) -> tuple[int, int]:
+def _size(path: str | Path, source: Any, target: Any, box: Bounds, wanted: Bounds, most_px: int) -> tuple[int, int]:
     """Width and height in square pixels: not finer than the file, nor `most_px` on the longer side of the map."""
-    pixel_m = max(_pixel_m(source, target, box), max(wanted[2] - wanted[0], wanted[3] - wanted[1]) / most_px)
+    finest_m = _pixel_m(source, target, box)
+    if not math.isfinite(finest_m):
+        raise InputError(f"{path}: its pixels have no size in the map's system. Is its georeference damaged?")
+    pixel_m = max(finest_m, max(wanted[2] - wanted[0], wanted[3] - wanted[1]) / most_px)
     return max(1, round((box[2] - box[0]) / pixel_m)), max(1, round((box[3] - box[1]) / pixel_m))
 
 
@@ -188,15 +191,16 @@ def _colour_bands(source: Any) -> list[int]:
     return colours[:3] if len(colours) >= 3 else colours[:1]
 
 
-def _palette(source: Any) -> UInt8[np.ndarray, "256 4"] | None:
-    """The colours of a one-band file that holds numbers of colours."""
+def _palette(source: Any) -> UInt8[np.ndarray, "n 4"] | None:
+    """The colours of a one-band file that holds numbers of colours, by number."""
     from rasterio.enums import ColorInterp
 
-    if source.colorinterp[0] != ColorInterp.palette:
+    if source.colorinterp[0] != ColorInterp.palette or source.dtypes[0] not in ("uint8", "uint16"):
         return None
-    table = np.zeros((256, 4), np.uint8)
+    table = np.zeros((np.iinfo(source.dtypes[0]).max + 1, 4), np.uint8)
     for number, colour in source.colormap(1).items():
-        table[number] = colour
+        if number < len(table):
+            table[number] = colour
     return table
 
 

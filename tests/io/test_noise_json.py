@@ -86,6 +86,7 @@ def set_to(*keys: str, value: Any) -> Callable[[dict], None]:
 
 
 NEGATIVE = np.diag([-1.0, *np.ones(len(COMPONENTS) - 1)]).tolist()
+HUGE = np.full((len(COMPONENTS), len(COMPONENTS)), 1.7e308).tolist()
 ASYMMETRIC = (np.eye(len(COMPONENTS)) + np.eye(len(COMPONENTS), k=1)).tolist()
 
 
@@ -100,6 +101,7 @@ ASYMMETRIC = (np.eye(len(COMPONENTS)) + np.eye(len(COMPONENTS), k=1)).tolist()
         (set_to("theta_mean", value=[None] * 16), "theta_mean does not hold"),
         (set_to("theta_covariance", value=NEGATIVE), "theta_covariance is not a covariance"),
         (set_to("theta_covariance", value=ASYMMETRIC), "theta_covariance is not a covariance"),
+        (set_to("theta_covariance", value=HUGE), "theta_covariance is not a covariance"),
         (set_to("components", value=[*COMPONENTS[:-1], "tide_m"]), "(anchor_factor, tide_m): learn it anew"),
         (set_to("components", value=[*COMPONENTS[:-1], COMPONENTS[0]]), "learn it anew"),
         (set_to("components", value=None), "components differs"),

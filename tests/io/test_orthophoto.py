@@ -1,5 +1,6 @@
 """Orthophotos: every pixel where it belongs, also from another coordinate system; what is unknown is transparent."""
 
+import math
 import sys
 
 import numpy as np
@@ -134,6 +135,10 @@ def test_one_band_is_grey_and_a_palette_has_its_colours(tmp_path):
     rgba = read_orthophoto(path, "EPSG:2169", box).rgba
     assert rgba[0, 1].tolist() == [200, 100, 50, 255]
     assert rgba[1, 0].tolist() == [9, 8, 7, 255]
+    many = write_tiff(
+        tmp_path / "m.tif", bands.astype(np.uint16) * 300, palette={600: (4, 5, 6, 255)}, photometric="palette"
+    )
+    assert read_orthophoto(many, "EPSG:2169", box).rgba[1, 0].tolist() == [4, 5, 6, 255]
 
 
 @pytest.mark.parametrize("dtype", ["uint16", "float32"])
@@ -181,6 +186,9 @@ def test_files_that_are_no_orthophotos_are_refused(tmp_path, random_bands):
     complex_bands = np.zeros((1, 4, 4), np.complex64)
     with pytest.raises(InputError, match="complex64; expected colours"):
         read_orthophoto(write_tiff(tmp_path / "c.tif", complex_bands), "EPSG:2169", BOX)
+    nowhere = Affine(math.nan, 0.0, WEST, 0.0, -1.0, NORTH)
+    with pytest.raises(InputError, match=r"nan\.tif"):
+        read_orthophoto(write_tiff(tmp_path / "nan.tif", random_bands, place=nowhere), "EPSG:2169", BOX)
 
 
 @pytest.mark.filterwarnings("ignore::rasterio.errors.NotGeoreferencedWarning")  # of writing one

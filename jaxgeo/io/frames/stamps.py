@@ -11,7 +11,7 @@ from jaxgeo.errors import DetectError
 POWERS = {"s": 0, "ms": -3, "us": -6, "ns": -9}
 LARGEST_SECONDS = Decimal("1e11")  # the year 5138
 SMALLEST_EPOCH_NS = Decimal("1e17")  # the year 1973
-_LARGEST_EXPONENT = 25  # of any unit: LARGEST_SECONDS in nanoseconds, and some
+_LARGEST_EXPONENT = 25  # of any unit: LARGEST_SECONDS in nanoseconds, and some; of what is smaller than one, the least
 
 # A number that ends the name, alone or behind a separator: seconds have a decimal point, nanoseconds 18 or 19 digits
 _IN_NAME = re.compile(r"(?:^|.*[^0-9.])(\d+\.\d+|\d{18,19})$")
@@ -25,7 +25,7 @@ def number_of(text: str) -> Decimal | None:
         return None
     if "_" in text or not text.isascii() or not number.is_finite():
         return None
-    return number if number.is_zero() or number.adjusted() <= _LARGEST_EXPONENT else None
+    return number if number.is_zero() or abs(number.adjusted()) <= _LARGEST_EXPONENT else None
 
 
 def seconds(number: Decimal, unit: str) -> float:
