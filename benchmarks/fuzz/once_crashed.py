@@ -95,7 +95,10 @@ ONCE_CRASHED: dict[str, dict[str, bytes]] = {
         + b"9" * 5000
         + b'"]}}}}'
     },
-    "override": {"bytes that are no text": b"\xff"},
+    "override": {
+        "bytes that are no text": b"\xff",
+        "a key that is no text": b"sightings.columns.x\xff=6",
+    },
     "sessions": {"a name too long for a file": b"a" * 400 + b".yaml\n"},
     "rig": {
         "a turn beyond float64": _UNDISTORTED + b"    rotvec_body_cam_rad: [1e308, 1e308, 0]\n",

@@ -73,7 +73,12 @@ def _of_argument(text: str, folder: Path, said: list[str], *, in_list: bool) -> 
             raise InputError(f"{path}: a list of sessions names another list; expected configs, folders or globs in it")
         return _of_list(path, said)
     if _GLOB_MARKS & set(text):
-        matches = sorted(glob.glob(str(path), recursive=True))
+        try:
+            matches = sorted(glob.glob(str(path), recursive=True))
+        except OSError as failure:  # of a folder that goes while it is listed
+            raise InputError(
+                f"{text[:80]}: {failure.filename}: {failure.strerror}; expected a glob of configs"
+            ) from None
         if not matches:
             raise InputError(f"{text}: no file matches; expected configs of sessions (YAML). Check folder and pattern.")
         return [found for match in matches for found in _of_argument(match, Path(), said, in_list=in_list)]

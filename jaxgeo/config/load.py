@@ -67,6 +67,8 @@ def _set(data: dict[str, Any], override: str) -> None:
     place = f"--set {override.encode('utf-8', 'backslashreplace').decode()[:200]}"
     dotted, equals, text = override.partition("=")
     keys = dotted.split(".")
+    if any("\ud800" <= character <= "\udfff" for character in override):
+        raise ConfigError(f"{place}: holds bytes that are no text; expected UTF-8")
     if not equals or not all(keys):
         raise ConfigError(f"{place}: expected key=value or key.sub=value")
     try:

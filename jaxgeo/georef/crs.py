@@ -49,12 +49,15 @@ def read_crs(text: str) -> GridCrs:
     Raises:
         SurveyError: unknown code; degrees; axes that are not metres, east, north and up.
     """
+    shown = repr(str(text)[:80])
     if not isinstance(text, str) or not _EPSG.fullmatch(text.strip()):
-        raise SurveyError(f"crs {text!r} is not `EPSG:<code>`, `EPSG:<horizontal>+<vertical>` or `local`. {_EXAMPLES}")
+        raise SurveyError(f"crs {shown} is not `EPSG:<code>`, `EPSG:<horizontal>+<vertical>` or `local`. {_EXAMPLES}")
     try:
         crs = pyproj.CRS.from_user_input(text.strip().upper())
     except CRSError as error:
-        raise SurveyError(f"crs {text!r} is not in the EPSG register of this pyproj ({error}). {_EXAMPLES}") from error
+        raise SurveyError(
+            f"crs {shown} is not in the EPSG register of this pyproj ({str(error)[:120]}). {_EXAMPLES}"
+        ) from error
     parts = crs.sub_crs_list if crs.is_compound else [crs]
     horizontal, vertical = parts[0], parts[1:]
     _check_horizontal(text, horizontal)

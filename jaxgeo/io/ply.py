@@ -195,7 +195,9 @@ def _header_lines(path: str | Path, file: IO[bytes], error: type[InputError]) ->
         lines.append(text)
         if text == "end_header":
             return lines
-    raise error(f"{path}:{len(lines)}: the header does not come to its `end_header`. Is the file cut off or no PLY?")
+    raise error(
+        f"{path}:{max(len(lines), 1)}: the header does not come to its `end_header`. Is the file cut off or no PLY?"
+    )
 
 
 def _format(path: str | Path, lines: list[str], error: type[InputError]) -> str:
@@ -249,6 +251,8 @@ def _text_vertices(path: str | Path, header: PlyHeader, chunk: int) -> Iterator[
 
 def _numbers_of(path: str | Path, header: PlyHeader, rows: list[bytes], first_line: int) -> np.ndarray:
     names = header.dtype.names or ()
+    if rows and not rows[0].strip():
+        _refuse_row(path, header, rows, first_line)
     try:
         values = np.loadtxt(rows, comments=None, ndmin=2)
     except ValueError:

@@ -46,7 +46,7 @@ def load_arrays(path: str | Path, error: type[ScanError]) -> dict[str, np.ndarra
                 f"{path}: holds Python objects (pickled), which are not read: they could run code. Save plain arrays "
                 "of numbers."
             ) from None
-        reason = str(failure).splitlines()[0].rstrip(".") if str(failure) else type(failure).__name__
+        reason = str(failure).splitlines()[0][:120].rstrip(".") if str(failure) else type(failure).__name__
         raise error(f"{path}: cannot be read as NumPy's: {reason}. Is it cut off, or of another format?") from None
 
 
@@ -111,7 +111,8 @@ def check_columns(arrays: Mapping[str, np.ndarray], n_points: int, place: str, e
 
 
 def _metres(xyz: Num[np.ndarray, "n 3"], arrays: Mapping[str, np.ndarray]) -> Float[np.ndarray, "n 3"]:
-    return xyz * arrays.get("scale", np.float64(1.0)).astype(np.float64) + arrays.get("offset", np.float64(0.0))
+    with np.errstate(over="ignore", invalid="ignore"):  # beyond float64: no points, as NaNs are none
+        return xyz * arrays.get("scale", np.float64(1.0)).astype(np.float64) + arrays.get("offset", np.float64(0.0))
 
 
 def _shown(values: np.ndarray) -> str:

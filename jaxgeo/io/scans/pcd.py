@@ -83,6 +83,8 @@ def _of_text(path: str | Path, header: _Header, body: bytes) -> dict[str, np.nda
         )
     if not rows:
         return {name: np.empty(0) for name in _single(header)}
+    if not rows[0].strip():
+        _refuse_row(path, header, rows, n_columns)
     try:
         values = np.loadtxt(rows, comments=None, ndmin=2)
     except ValueError:

@@ -72,7 +72,7 @@ def _time_column(columns: Mapping[str, Num[np.ndarray, "n"]]) -> str | None:
 def _after_stamp(values: Num[np.ndarray, "n"], stamp_s: float) -> tuple[Float[np.ndarray, "n"], str]:
     """Seconds after the stamp, and what the values were taken for."""
     whole = np.issubdtype(values.dtype, np.integer)
-    nanoseconds = whole or values.min() >= SMALLEST_EPOCH_NS
+    nanoseconds = whole or float(values.min()) >= SMALLEST_EPOCH_NS
     unit = "nanoseconds" if nanoseconds else "seconds"
     after_s = values.astype(np.float64) / (1e9 if nanoseconds else 1.0)
     if values.dtype.itemsize == 8:
