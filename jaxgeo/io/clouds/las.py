@@ -37,7 +37,7 @@ class LasCloud(CloudSource):
             with self._decoding("at its table of chunks"):
                 _check_header(path, header)
             kinds: dict[str, Any] = {d.name: d for d in header.point_format.dimensions if d.name not in ("X", "Y", "Z")}
-            left_out = [name for name, d in kinds.items() if name in _WAVE or d.num_elements != 1]
+            left_out = [name for name, d in kinds.items() if not name or name in _WAVE or d.num_elements != 1]
             warn_left_out(path, left_out, "waveforms and lists of numbers are not carried on")
             shared = {_SHARED.get(name, name): name for name in kinds if name not in left_out}
             # A float intensity that PLY brought here: it stands for the rounded one of the standard.

@@ -52,7 +52,8 @@ class PlyCloud(CloudSource):
 
     def chunks(self, size: int = CHUNK) -> Iterator[CloudChunk]:
         for rows in ply_vertices(self.path, self._header, size):
-            points_m = np.column_stack([rows[self._property[axis]].astype(np.float64) for axis in _XYZ])
+            with np.errstate(invalid="ignore"):  # of signalling NaNs
+                points_m = np.column_stack([rows[self._property[axis]].astype(np.float64) for axis in _XYZ])
             yield CloudChunk(points_m, {name: self._values(rows, name) for name in self.columns})
 
     def column(self, name: str, size: int = CHUNK) -> Iterator[np.ndarray]:
@@ -63,8 +64,10 @@ class PlyCloud(CloudSource):
         values = rows[self._property[name]]
         full = self._full_colour.get(name)
         if full is None:
-            return values.astype(self.columns[name])
-        scaled = np.nan_to_num(values.astype(np.float64)) * (_FULL / full)
+            with np.errstate(invalid="ignore"):
+                return values.astype(self.columns[name])
+        with np.errstate(invalid="ignore", over="ignore"):  # of signalling NaNs, and what is beyond any colour
+            scaled = np.nan_to_num(values.astype(np.float64)) * (_FULL / full)
         return np.clip(np.round(scaled), 0, _FULL).astype(np.uint16)
 
 
