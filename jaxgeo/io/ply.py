@@ -204,7 +204,7 @@ def _format(path: str | Path, lines: list[str], error: type[InputError]) -> str:
     at = next((i for i, line in enumerate(lines) if line.split()[:1] == ["format"]), None)
     words = [] if at is None else lines[at].split()
     if len(words) != 3 or words[1] not in _BYTE_ORDER:
-        found = "no `format` line" if at is None else repr(lines[at])
+        found = "no `format` line" if at is None else repr(lines[at][:80])
         raise error(f"{path}:{(at or 0) + 1}: {found}; expected `format {'|'.join(_BYTE_ORDER)} 1.0`.")
     return words[1]
 
@@ -224,7 +224,7 @@ def _elements(path: str | Path, lines: list[str], error: type[InputError]) -> tu
                 elements[-1].lists.append(name)
             case ["property", kind, name] if elements and kind in _TYPES:
                 if any(name == other for other, _ in elements[-1].fields):
-                    raise error(f"{path}:{number}: property {name!r} a second time; expected each name once.")
+                    raise error(f"{path}:{number}: property {name[:80]!r} a second time; expected each name once.")
                 elements[-1].fields.append((name, _TYPES[kind]))
             case _:
                 raise error(
@@ -285,8 +285,8 @@ def _refuse_row(path: str | Path, header: PlyHeader, rows: list[bytes], first_li
             continue
         shown = row[:60].decode("utf-8", "replace").strip()
         raise header.error(
-            f"{path}:{line}: {shown!r}; expected {len(names)} numbers: {', '.join(names)}. Mend the row, or the count "
-            "of the vertices in the header."
+            f"{path}:{line}: {shown!r}; expected {len(names)} numbers: {', '.join(names)[:400]}. Mend the row, or "
+            "the count of the vertices in the header."
         )
     raise header.error(f"{path}:{first_line}: {len(rows)} rows from here are not {len(names)} numbers each.")
 

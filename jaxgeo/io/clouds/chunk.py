@@ -65,4 +65,4 @@ class CloudChunk:
 def warn_left_out(path: str | Path, names: Sequence[str], why: str) -> None:
     """Say which columns of a cloud are not carried on."""
     if names:
-        warnings.warn(f"{path}: the columns {', '.join(names)} are left out: {why}.", InputWarning, stacklevel=3)
+        warnings.warn(f"{path}: the columns {', '.join(names)[:400]} are left out: {why}.", InputWarning, stacklevel=3)

@@ -38,7 +38,7 @@ class PlyCloud(CloudSource):
         missing = [axis for axis in _XYZ if axis not in self._property]
         if missing:
             raise CloudError(
-                f"{path}: the vertices have no {', '.join(missing)}; they have {', '.join(names)}. Is it a cloud?"
+                f"{path}: the vertices have no {', '.join(missing)}; they have {', '.join(names)[:400]}. Is it a cloud?"
             )
         self.n_points = self._header.n_vertices
         types = {name: self._header.dtype[own] for name, own in self._property.items() if name not in _XYZ}

@@ -8,11 +8,11 @@ from jaxtyping import Float, UInt8
 
 from jaxgeo.errors import ScanError
 from jaxgeo.io.frames.frame import UnreadableImageError
-from jaxgeo.io.frames.pixels import decoded_image
+from jaxgeo.io.frames.image_size import PNG, claimed_size
+from jaxgeo.io.frames.pixels import check_claims, decoded_image
 from jaxgeo.io.rtabmap.rvl import decode_rvl
 
 MOST_PIXELS = 100_000_000
-_PNG = b"\x89PNG\r\n\x1a\n"
 _JPEG = b"\xff\xd8\xff"
 _RVL = b"DEPTHRVL"
 _RVL_HEADER = 16
@@ -26,7 +26,7 @@ def image_suffix(data: bytes, place: str) -> str:
     Raises:
         ScanError: another format.
     """
-    for magic, suffix in ((_JPEG, ".jpg"), (_PNG, ".png"), (_RVL, ".rvl")):
+    for magic, suffix in ((_JPEG, ".jpg"), (PNG, ".png"), (_RVL, ".rvl")):
         if data.startswith(magic):
             return suffix
     raise ScanError(
@@ -42,7 +42,7 @@ def image_size(data: bytes, place: str) -> tuple[int, int]:
         ScanError: no JPEG, PNG or RVL image, cut off in its head, or of no or too many pixels.
     """
     suffix = image_suffix(data, place)
-    size = {".jpg": _jpeg_size, ".png": _png_size, ".rvl": _rvl_size}[suffix](data)
+    size = _rvl_size(data) if suffix == ".rvl" else claimed_size(data)
     if size is None:
         raise ScanError(f"{place}: the {suffix[1:]} image of {len(data)} bytes ends within its head. Is it cut off?")
     if not 0 < size[0] * size[1] <= MOST_PIXELS:
@@ -108,7 +108,10 @@ def depth_mm(depth_m: Float[np.ndarray, "h w"]) -> tuple[np.ndarray, int]:
 
 def _decoded(data: bytes, place: str) -> np.ndarray:
     try:
+        check_claims(data, place)
         image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    except UnreadableImageError as failure:
+        raise ScanError(str(failure)) from None
     except cv2.error:
         image = None
     if image is None:
@@ -122,24 +125,5 @@ def _check_decoded(image: np.ndarray, size: tuple[int, int], place: str) -> None
         raise ScanError(f"{place}: the head announces {size[0]} x {size[1]} pixels, {width} x {height} were decoded.")
 
 
-def _png_size(data: bytes) -> tuple[int, int] | None:
-    return struct.unpack(">II", data[16:24]) if len(data) >= 24 and data[12:16] == b"IHDR" else None
-
-
 def _rvl_size(data: bytes) -> tuple[int, int] | None:
     return struct.unpack("<II", data[8:16]) if len(data) >= _RVL_HEADER else None
-
-
-def _jpeg_size(data: bytes) -> tuple[int, int] | None:
-    """From the start-of-frame segment (ITU-T T.81, B.2.2): markers C0 to CF but C4, C8 and CC."""
-    at = 2
-    while at + 9 <= len(data) and data[at] == 0xFF:
-        marker = data[at + 1]
-        if marker == 0xFF:  # fill byte
-            at += 1
-        elif 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):
-            height, width = struct.unpack(">HH", data[at + 5 : at + 9])
-            return width, height
-        else:
-            at += 2 + struct.unpack(">H", data[at + 2 : at + 4])[0]
-    return None
