@@ -5,6 +5,7 @@ wraps it; a test that calls jaxlie itself does so inside `jax.numpy_dtype_promot
 `jax.numpy_rank_promotion("allow")`.
 """
 
+import gc
 import os
 from collections import Counter
 from collections.abc import Iterator
@@ -108,5 +109,8 @@ def _float64() -> None:
 
 @pytest.fixture(autouse=True, scope="module")
 def _programs_let_go() -> Iterator[None]:
+    """Between files; what is still there is JAX's, which the garbage collector need not go through again and again."""
     yield
     let_programs_go()
+    gc.collect()
+    gc.freeze()
