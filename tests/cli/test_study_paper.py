@@ -52,6 +52,7 @@ def test_every_table_and_figure_is_there(studies):
     for table in TABLES:
         if table != "geometry":
             assert "imulated" in files[f"tables/{table}.md"].decode()
+    assert "learned anew" in next(r["noise"] for r in rows(studies[0], "by_count") if r["stage"] == "learned noise")
 
 
 def test_a_seed_is_a_study_bit_for_bit(studies):
