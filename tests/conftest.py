@@ -92,7 +92,11 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> ByShapes:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """The longest first, then those with the most tests."""
+    """The longest first, then those with the most tests; slow ones where they are asked for."""
+    if "JAXGEO_SLOW_TESTS" not in os.environ:
+        for item in items:
+            if item.get_closest_marker("slow"):
+                item.add_marker(pytest.mark.skip(reason="half a minute of compiling: JAXGEO_SLOW_TESTS=1"))
     count = Counter(shapes_of(item.nodeid) for item in items)
 
     def place(item: pytest.Item) -> tuple[int, int]:

@@ -58,6 +58,7 @@ def test_rows_of_fewer_anchors_say_what_their_choices_were_computed_with(one):
         assert row["result"] == f"{row['choices']} converged; 0 failed"
 
 
+@pytest.mark.slow
 def test_noise_of_a_file_is_that_of_every_choice_of_anchors(config, tmp_path):
     """All but one location is leave-one-out, under the noise of a file too; every visit is held out once in both."""
     learned, given = tmp_path / "learned", tmp_path / "given"

@@ -88,7 +88,7 @@ def test_killed_and_on_other_devices_the_results_are_the_same_bits(eight, tmp_pa
         assert (out / name).read_bytes() == (eight / name).read_bytes(), name
 
 
-@pytest.mark.skipif("JAXGEO_SLOW_TESTS" not in os.environ, reason="half a minute of compiling: JAXGEO_SLOW_TESTS=1")
+@pytest.mark.slow
 def test_side_by_side_as_on_an_accelerator_gives_the_same(eight):
     """By `vmap` instead of one after the other: the last digits may differ, nothing else."""
     settings = study_settings(8, 0, regimes_named("white,biased"), platform="gpu", poses=128, chunk=2, batch=2)
